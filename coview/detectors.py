@@ -170,7 +170,7 @@ def open_detector(
     if isinstance(at, Place):
         return _open_at_place(spec or _USUAL_SPEC, at)
     place = place or Place()
-    if at.site is not None and place.at(at.site):
+    if at.site is not None and place.uses_site(at.site):
         return _open_for_known_site(spec, at, at.site)
     return _open_for_recording(spec or _USUAL_SPEC, recording=at, place=place, scenes=scenes)
 
@@ -183,7 +183,7 @@ def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
     if spec.is_imported:
         from toolkit.detection.detect import resolve_detector
 
-        resolve_detector(spec.base)
+        resolve_detector(spec.base)  # raises if it cannot be imported
     elif not spec.needs_site:
         from models.detector import weights_file
 
@@ -194,7 +194,7 @@ def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
 
             OnnxDetector(spec.base)
     if place is not None and place.area is not None and not spec.needs_site:
-        _open_at_place(spec.without_suffixes(), place)
+        _open_at_place(spec.without_suffixes(), place)  # opened only for its errors
 
 
 def check_digest(name: str, detector: "Detector", remedy: str) -> None:

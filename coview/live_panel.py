@@ -197,8 +197,8 @@ class ScoreTab:
     def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
         """Add the fields that change the setting of the figures, with the present values."""
         self._planner = planner
-        first_setting = planner.first  # at the start of the page
-        setting = planner.asked  # at present
+        first_setting = planner.first_setting  # at the start of the page
+        setting = planner.asked_setting  # at present
         self._details = gui.add_html("")
 
         def add_choice(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
@@ -234,9 +234,11 @@ class ScoreTab:
 
         A choice of the start means what was given then, which may be more than its name, such as a
         scheme with options."""
-        first = self._planner.first
+        first = self._planner.first_setting
         cases = replace(
-            self._planner.asked.cases, iou=float(self._iou.value), errors=(self._errors.value,)
+            self._planner.asked_setting.cases,
+            iou=float(self._iou.value),
+            errors=(self._errors.value,),
         )
         scheme = self._scheme.value
         return self._planner.ask(

@@ -4,6 +4,7 @@ import copy
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Literal, SupportsFloat
 
@@ -14,13 +15,13 @@ from torch import Tensor
 from models.config import MAX_COLUMNS, SHIPPED, VoxelNetConfig
 from models.network import candidates as decoding
 from models.network.faces import measure_faces
-from models.network.grid import anchors, collate, voxelise
+from models.network.grid import Voxels, anchors, collate, voxelise
 from models.network.number_formats import convert_to_bfloat16, find_bfloat16_library
 from models.network.sparse import SparseVoxelNet
 from models.network.tiles import TiledVoxelNet, UnionPlan, tileable
 from models.network.voxelnet import VoxelNet
 from models.weight_files import digest_detector, digest_tensors, load_weights
-from toolkit.arrays import Bool, Float, Points
+from toolkit.arrays import Bool, Float, Float64, Int64, Points
 from toolkit.boxes import nms
 from toolkit.objects import LABELS, PEDESTRIAN, Detections, label_index
 from toolkit.points import join_clouds
@@ -34,6 +35,7 @@ MIN_KNOWN_SCORE = 0.05  # if detections are scored again because the empty site 
 MIN_UNKNOWN_PERSON_SCORE = 0.4  # for a pedestrian at an unknown site
 BLOCK_CELLS = 512  # side of a block of a wide area, a multiple of the coarsest stride
 MARGIN_CELLS = 128  # around a block, a multiple of the coarsest stride
+MAX_CENTRE_DISTANCE_M = 10.0  # from a point of a body to the centre of its box, along x or y
 SAME_BOX_IOU = 0.3  # footprint overlap above which boxes of several grids are averaged
 _Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
@@ -160,13 +162,12 @@ class VoxelNetDetector:
         """Detections of one cloud (x y z, m), averaged over the shifts of the grid."""
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
-        xmin, xmax = self.config.area[::2]
-        rows = self.config.map_shape[0]
+        cell_sides = np.array(self.config.stride)  # in the map, along x and y (m)
         parts = []
         for phase in range(self.phases):
             # shift (m) by parts of a cell of the map along x and y, spread evenly over the cell for
             # any number of phases; heights stay
-            shift = np.append(phase * SHIFT_STEPS % 1 * (xmax - xmin) / rows, 0.0)
+            shift = np.append(phase * SHIFT_STEPS % 1 * cell_sides, 0.0)
             (detections,) = self.batch([(points + shift).astype(np.float32)])
             box_shift = np.append(shift, np.zeros(4))  # sizes and yaw stay
             parts.append(replace(detections, boxes=detections.boxes - box_shift))
@@ -190,7 +191,9 @@ class VoxelNetDetector:
                 detections.append(Detections.empty())
         return detections
 
-    def unions(self, clouds: _Clouds, unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
+    def unions(
+        self, clouds: _Clouds, unions: Bool[np.ndarray, "unions clouds"]
+    ) -> list[Detections]:
         """Detections in many unions of the same clouds, such as all sets of a site's sensors.
 
         unions: True for the clouds of each union. The results equal the results for each union's
@@ -234,7 +237,7 @@ class VoxelNetDetector:
             counts = torch.bincount(candidates.item, minlength=len(entries.tile)).cpu().numpy()
             begin = np.cumsum(counts) - counts  # first row of each entry
             row_numbers = np.arange(len(unions))[union_rows].tolist()
-            for row, tile_entries in zip(row_numbers, entries.of.T, strict=True):
+            for row, tile_entries in zip(row_numbers, entries.entry.T, strict=True):
                 if has_points[row]:
                     # rows of all candidates of the union's tiles
                     tile_counts = counts[tile_entries]
@@ -301,7 +304,9 @@ class VoxelNetDetector:
         """Detections of one cloud's candidates: without duplicates and rivals, faces measured.
 
         boxes, scores: one for each candidate; cloud: its points (m)."""
-        detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
+        detections = decoding.suppress_boxes(
+            boxes, scores, self.config, self.nms_threshold, area=self.area
+        )
         if self.config.rivalry or self.rival_shares is not None:
             detections = self._take_above(
                 decoding.apply_rivals(detections, self.config), self.thresholds
@@ -324,8 +329,8 @@ class WideVoxelNetDetector(VoxelNetDetector):
 
     A box depends on the points within some metres, so a grid of one block, with a margin on every
     side, detects there what a grid of the whole area detects. Blocks are aligned with the whole
-    grid's cells, and only blocks with points are computed. network: for any area, with coordinates
-    from its voxels. Other arguments as in `VoxelNetDetector`.
+    grid's cells, and only blocks with points in or near them are computed. network: for any area,
+    with coordinates from its voxels. Other arguments as in `VoxelNetDetector`.
     """
 
     def __init__(
@@ -370,8 +375,9 @@ class WideVoxelNetDetector(VoxelNetDetector):
         """Detections of one cloud (x y z, m) in the whole area, found block by block.
 
         Each block is detected together with a margin around it, in a grid whose origin is the
-        margin's corner. Only boxes with their centre in the block itself are kept; other blocks
-        find the others."""
+        margin's corner. Only candidates of anchors in the block itself are kept, so that each
+        anchor of the area counts once. Duplicates and rivals are then found among the candidates of
+        all blocks, as in one grid."""
         voxel = np.array(self.config.voxel_size[:2])
         low = np.array(self._wide[:2])  # corners of the area: x, y (m)
         high = np.array(self._wide[2:])
@@ -384,23 +390,55 @@ class WideVoxelNetDetector(VoxelNetDetector):
         is_inside &= (z > min_z) & (z < max_z)
         z = z[is_inside]
         xy = xy[is_inside]
-        block_numbers = np.floor((xy - low) / block).astype(np.int64)  # along x and y
         parts = []
-        for number in np.unique(block_numbers, axis=0):
+        for number in _list_blocks(xy - low, block, high - low):
             start = low + number * block - margin  # origin of the block's grid
             is_near = ((xy > start) & (xy < start + block + 2 * margin)).all(axis=1)
             points = np.column_stack([xy[is_near] - start, z[is_near]]).astype(np.float32)
-            (detections,) = super().batch([points])
-            centres = detections.boxes[:, :2]  # in the block's grid
-            is_in_block = ((centres >= margin) & (centres < margin + block)).all(axis=1)
-            world_centres = centres + start
-            is_in_block &= ((world_centres >= low) & (world_centres <= high)).all(axis=1)
-            # by x and y of the origin; z, length, width, height and yaw stay
-            shift = np.append(start, np.zeros(5))
-            parts.append(
-                replace(detections[is_in_block], boxes=detections.boxes[is_in_block] + shift)
-            )
-        return Detections.merge(parts) if parts else Detections.empty()
+            voxels = voxelise(torch.from_numpy(points).to(self.device), self.config)
+            if len(voxels.cells):
+                parts.append(self._find_block_candidates(voxels, start))
+        if not parts:
+            return Detections.empty()
+        boxes = torch.cat([part.boxes for part in parts])
+        scores = torch.cat([part.scores for part in parts])
+        return self.finish_detections(boxes, scores, cloud)
+
+    def _find_block_candidates(
+        self, voxels: Voxels, start: Float64[np.ndarray, "2"]
+    ) -> decoding.BestCandidates:
+        """Best candidates of the anchors in one block, world frame.
+
+        voxels: points of the block and its margin; start: x, y of the margin's corner (m)."""
+        candidates = decoding.all_candidates(
+            self.network.classify(collate([voxels])), self.anchors, self.config, self._least_scores
+        )
+        cell = candidates.place // len(self.config.anchor_labels)  # in the map, row by row
+        columns = self.config.map_shape[1]
+        is_in_block = torch.ones_like(cell, dtype=torch.bool)
+        for index in (cell // columns, cell % columns):
+            # the map has half as many cells along x and y as the grid
+            is_in_block &= index >= MARGIN_CELLS // 2
+            is_in_block &= index < (MARGIN_CELLS + BLOCK_CELLS) // 2
+        best = candidates.best(torch.nonzero(is_in_block)[:, 0])
+        # by x and y of the origin; z, length, width, height and yaw stay
+        shift = torch.from_numpy(np.append(start, np.zeros(5))).to(best.boxes.device)
+        return best._replace(boxes=best.boxes.double() + shift)
+
+
+def _list_blocks(
+    xy: Float64[np.ndarray, "n 2"], block: Float64[np.ndarray, "2"], area: Float64[np.ndarray, "2"]
+) -> Int64[np.ndarray, "b 2"]:
+    """Numbers along x and y of the blocks in which the centre of a body may be, ascending.
+
+    xy: points from the area's first corner (m); block, area: sides along x and y (m)."""
+    last = np.ceil(area / block).astype(np.int64) - 1
+    ids = []
+    for x_sign, y_sign in product((-1, 1), repeat=2):
+        moved_xy = xy + MAX_CENTRE_DISTANCE_M * np.array([x_sign, y_sign])
+        numbers = np.clip(np.floor(moved_xy / block).astype(np.int64), 0, last)
+        ids.append(np.unique(numbers[:, 0] * (last[1] + 1) + numbers[:, 1]))
+    return np.stack(np.divmod(np.unique(np.concatenate(ids)), last[1] + 1), axis=1)
 
 
 def load_detector(

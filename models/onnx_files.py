@@ -226,7 +226,7 @@ class OnnxDetector(VoxelNetDetector):
         xmin, ymin, xmax, ymax = config.area
         middle = [(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]
         trial_cloud = np.array([middle] * 2, np.float32)  # two equal points
-        _import_runtime()
+        _import_runtime()  # raises if it is missing
         try_network(
             self._content,
             self._points(trial_cloud) | self._voxels(trial_cloud),

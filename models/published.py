@@ -193,7 +193,7 @@ def from_network(boxes: BoxRows, site: str) -> BoxRows:
     x, y = boxes[:, :2].T
     yaw = boxes[:, 6]
     site_boxes = boxes.copy()
-    if site == "tjunction":  # axes are exchanged and reversed, see `to_network`
+    if site == "tjunction":  # the site's x is 196 - CARLA's y, its y is 104 - CARLA's x
         rx, ry = REFERENCE[site]
         site_boxes[:, 0] = 196 - ry - y
         site_boxes[:, 1] = 104 - rx - x

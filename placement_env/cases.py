@@ -120,7 +120,7 @@ class Cases:
         return tuple(profile.name for profile in self.profiles)
 
     @cached_property
-    def plain(self) -> bool:
+    def is_one_case(self) -> bool:
         """True if a set is scored in one case for each error profile.
 
         There is one IoU threshold, no sensor fails, and traffic is not divided into levels."""
@@ -190,7 +190,9 @@ class Cases:
         order = np.argsort(objects, kind="stable")
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
-    def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
+    def expand(
+        self, sets: Sets
+    ) -> tuple[Bool[np.ndarray, "m candidates"], Int64[np.ndarray, " m"]]:
         """Rows of n sets, followed by the sensors that each failure leaves.
 
         A set that may lose all its sensors has one case, the empty set.
@@ -258,7 +260,7 @@ class Cases:
         return np.asarray(reduced + tie * intact) if tie else reduced
 
     def at_profile(
-        self, figures: Float64[np.ndarray, "L I m *rest"], owners: Int64[np.ndarray, " m"]
+        self, figures: Float64[np.ndarray, "levels ious m *rest"], owners: Int64[np.ndarray, " m"]
     ) -> Float64[np.ndarray, "n *rest"]:
         """Figures of n sets over thresholds, levels and failures, at one error profile.
 
@@ -274,8 +276,8 @@ class Cases:
         one_figure = iou_mean[0] if level_count == 1 else self.over_levels(iou_mean)
         return self.over_failures(one_figure, owners)
 
-    def shares(self, ap: Float64[np.ndarray, "P n"]) -> Float64[np.ndarray, "P n"]:
-        """Weight of each of P error profiles in the figures of each of n sets.
+    def shares(self, ap: Float64[np.ndarray, "profiles n"]) -> Float64[np.ndarray, "profiles n"]:
+        """Weight of each error profile in the figures of each of n sets.
 
         It is 1 for the profile with the lowest AP and 0 for others if the worst counts, and equal
         for all if the mean does. ap: AP of each set at each profile."""

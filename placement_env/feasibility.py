@@ -24,7 +24,7 @@ class FeasibleSets:
     """Sets of candidates that may be built. A subclass gives the `loads` of the candidates.
 
     Attributes:
-        candidates: Sensors to choose from, C in number; a set is a row of C booleans.
+        candidates: Sensors to choose from; a set is a row of booleans, one for each.
         scheme: Fusion scheme; links matter only if it sends points.
         most_price: Largest price of a set, in the unit of the candidates' prices; inf for any.
         keep: Names of mounts that must carry a sensor.
@@ -38,7 +38,7 @@ class FeasibleSets:
     link_share: float
 
     @cached_property
-    def loads(self) -> Float64[np.ndarray, " C"]:
+    def loads(self) -> Float64[np.ndarray, " candidates"]:
         """Load (kbit per frame) of each candidate on the link of its mount."""
         raise NotImplementedError
 
@@ -47,7 +47,7 @@ class FeasibleSets:
         """Names of the candidates, in their order."""
         return tuple(sensor.name for sensor in self.candidates.sensors)
 
-    def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
+    def row(self, subset: Members) -> Bool[np.ndarray, " candidates"]:
         """Row with True for each candidate of a set.
 
         subset: indices or names. Raises ValueError for an unknown candidate."""
@@ -59,19 +59,21 @@ class FeasibleSets:
     # links
 
     @cached_property
-    def linked(self) -> Bool[np.ndarray, " C"]:
+    def linked(self) -> Bool[np.ndarray, " candidates"]:
         """Mask of candidates whose load fits their mount's link; all if no points are sent."""
         if not self.scheme.sends_points:
             return np.ones(len(self.candidates), np.bool_)
         return np.asarray(self.loads <= max_load(self.candidates.capacity))
 
     @property
-    def shared_links(self) -> Float64[np.ndarray, " C"] | None:
+    def shared_links(self) -> Float64[np.ndarray, " candidates"] | None:
         """Load (kbit per frame) of each candidate, or None if loads need not be added up.
 
         They must be if a mount may carry several sensors, which share its link, and points are
         sent."""
-        return self.loads if self.candidates.several and self.scheme.sends_points else None
+        return (
+            self.loads if self.candidates.has_shared_mounts and self.scheme.sends_points else None
+        )
 
     def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
         """True if the links of a set carry the data of its sensors.
@@ -104,7 +106,7 @@ class FeasibleSets:
         return np.asarray(prices <= self.most_price * (1 + PRICE_ROUNDING_SHARE))
 
     @cached_property
-    def _least_prices(self) -> Float64[np.ndarray, " M"]:
+    def _least_prices(self) -> Float64[np.ndarray, " mounts"]:
         """Lowest price of each mount with one sensor that fits its link.
 
         0 for mounts without such a sensor."""
@@ -135,14 +137,18 @@ class FeasibleSets:
         is_affordable = self.affordable(self.price(subsets))
         return np.asarray(has_room & self.keeps(subsets) & ~exceeds_link & is_affordable)
 
-    def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
+    def allowed(
+        self, subset: Bool[np.ndarray, " candidates"] | Members
+    ) -> Bool[np.ndarray, " candidates"]:
         """Mask of candidates that may join a set without making it unfeasible.
 
         There is room on their mounts and links, and the new price is affordable. subset: row of
         booleans, or indices or names of candidates."""
         return self._find_fitting(subset, reserve=0.0)
 
-    def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
+    def next_allowed(
+        self, subset: Bool[np.ndarray, " candidates"] | Members
+    ) -> Bool[np.ndarray, " candidates"]:
         """Mask of candidates to add next to a set.
 
         Until all mounts that must carry a sensor have one, these are candidates on such mounts that
@@ -158,8 +164,10 @@ class FeasibleSets:
         return self._find_fitting(subset, reserve) & np.isin(mount, unfilled_mounts)
 
     def _find_fitting(
-        self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
-    ) -> Bool[np.ndarray, " C"]:
+        self,
+        subset: Bool[np.ndarray, " candidates"] | Members,
+        reserve: float | Float64[np.ndarray, " candidates"],
+    ) -> Bool[np.ndarray, " candidates"]:
         """Mask of candidates that may join a set and leave some money in reserve.
 
         subset: row of booleans, or indices or names of candidates; reserve: money that must remain
@@ -170,7 +178,9 @@ class FeasibleSets:
         (has_room,) = room_beside(self.candidates, row[None], self.shared_links)
         return np.asarray(has_room & self.linked & self.affordable(price + reserve))
 
-    def _to_row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
+    def _to_row(
+        self, subset: Bool[np.ndarray, " candidates"] | Members
+    ) -> Bool[np.ndarray, " candidates"]:
         """Row of booleans for a set; a given row is returned itself, not copied."""
         if isinstance(subset, np.ndarray) and subset.dtype == np.bool_:
             return subset

@@ -274,7 +274,7 @@ class Objective(FeasibleSets):
         return cast(dict[str, Any], json.loads(json.dumps(replace_infinite(origin), default=str)))
 
     @cached_property
-    def sent(self) -> Float64[np.ndarray, " C"]:
+    def sent(self) -> Float64[np.ndarray, " candidates"]:
         """Data (kbit) that each candidate sends in a frame, averaged over the frames."""
         if self.visibility is None or not self.scheme.sends_points:
             single_candidates = np.eye(len(self.candidates), dtype=np.bool_)
@@ -284,7 +284,7 @@ class Objective(FeasibleSets):
         return np.asarray(self.codec.bits(points=points) / 1000)
 
     @cached_property
-    def loads(self) -> Float64[np.ndarray, " C"]:
+    def loads(self) -> Float64[np.ndarray, " candidates"]:
         """Load (kbit per frame) of each candidate on the link of its mount.
 
         It is the amount that the candidate's data do not exceed in a share of the frames, the

@@ -54,7 +54,7 @@ class ClassEstimates(NamedTuple):
 
 @runtime_checkable
 class Fidelity(Protocol):
-    """Scorer of sets of C candidates, given as rows of booleans.
+    """Scorer of sets of candidates, given as rows of booleans.
 
     The same sets get the same figures, in any order.
     """

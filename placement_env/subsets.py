@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float64, Shaped
 
-Sets = Bool[np.ndarray, "n C"]  # sensor sets, a row of candidates each
+Sets = Bool[np.ndarray, "n candidates"]  # sensor sets, a row of candidates each
 SetFunction = Callable[[Sets], Float64[np.ndarray, " n"]]  # a figure of each set
 MAX_LISTED_SENSORS = 16  # with 65536 sets
 BLOCK_FIGURES = 1 << 17  # figures in one step, so that they stay in the processor's cache
@@ -45,16 +45,16 @@ def find_index(member: object, names: Sequence[str]) -> int:
 class MemberSums:
     """Sum of the rows of each set's members, in the type of the rows.
 
-    rows: w figures of each of C candidates. A set's sum is rounded alike, with any other sets in
+    rows: w figures of each candidate. A set's sum is rounded alike, with any other sets in
     the call: members are always added in ascending order.
     """
 
-    def __init__(self, rows: Shaped[np.ndarray, "C w"]) -> None:
-        # row C is zero: it fills places of sets with fewer members
+    def __init__(self, rows: Shaped[np.ndarray, "candidates w"]) -> None:
+        # the last row is zero: it fills places of sets with fewer members
         self._rows = np.concatenate([rows, np.zeros((1, rows.shape[1]), rows.dtype)])
 
     @property
-    def rows(self) -> Shaped[np.ndarray, "C w"]:
+    def rows(self) -> Shaped[np.ndarray, "candidates w"]:
         """Given rows: w figures of each candidate."""
         return self._rows[:-1]
 

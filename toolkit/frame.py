@@ -243,7 +243,7 @@ def _four(values: Any) -> tuple[float, float, float, float]:
 
 
 def parse_region(record: object) -> Region:
-    """Return the region in which labels are complete, as `Region.record` wrote it.
+    """Return the region in which labels are complete from its record.
 
     record: "kind" (everywhere, rectangle or image) and the fields of such a region, as read from
     JSON. Raises ValueError for anything else."""

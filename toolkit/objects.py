@@ -174,9 +174,13 @@ class UnionDetector(Detector, Protocol):
     """Detector that is fast for many unions of the same clouds."""
 
     def unions(
-        self, clouds: Sequence[Float32[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self,
+        clouds: Sequence[Float32[np.ndarray, "_ 3"]],
+        unions: Bool[np.ndarray, "unions clouds"],
     ) -> Sequence[Detections]:
-        """Return the detections in each union of C clouds, as `__call__` up to rounding.
+        """Return the detections in each union of clouds.
+
+        They equal the detections in the joined clouds, up to rounding.
 
         unions: a row for each, True for its clouds.
         """

@@ -163,7 +163,7 @@ def detect_on_ground(
 def detect_unions_on_ground(
     detector: UnionDetector,
     clouds: Sequence[Float32[np.ndarray, "_ 3"]],
-    unions: Bool[np.ndarray, "U C"],
+    unions: Bool[np.ndarray, "unions clouds"],
     place: Area,
 ) -> list[Detections]:
     """Run a detector on each union of some clouds; return its boxes on the ground of the place.
@@ -181,7 +181,7 @@ def detect_unions_on_ground(
 
 
 def join_clouds(
-    clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]
+    clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " clouds"]
 ) -> Points:
     """Return the points of the clouds that `union` marks, in their order."""
     members = [cloud for cloud, is_member in zip(clouds, union, strict=True) if is_member]

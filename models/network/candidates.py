@@ -34,11 +34,11 @@ _SURE_LOGIT = 8.0  # larger logits may have larger rounding errors than `_LOGIT_
 _LOGIT_ROUNDING = 0.01  # largest rounding error below `_SURE_LOGIT`
 
 
-class _ScoredBoxes(NamedTuple):
+class BestCandidates(NamedTuple):
     """Boxes (m) of one cloud, and their score for each of `config.labels`."""
 
     boxes: Float32[Tensor, "k 7"]
-    scores: Float32[Tensor, "k L"]
+    scores: Float32[Tensor, "k labels"]
 
 
 class BoxCandidates(NamedTuple):
@@ -54,16 +54,16 @@ class BoxCandidates(NamedTuple):
     item: Int64[Tensor, " n"]
     place: Int64[Tensor, " n"]
     boxes: Float32[Tensor, "n 7"]
-    scores: Float32[Tensor, "n L"]
+    scores: Float32[Tensor, "n labels"]
 
-    def best(self, rows: Int64[Tensor, " m"] | slice) -> _ScoredBoxes:
+    def best(self, rows: Int64[Tensor, " m"] | slice) -> BestCandidates:
         """Boxes and scores of these rows; the `MAX_CLOUD_CANDIDATES` best if there are more."""
         boxes = self.boxes[rows]
         scores = self.scores[rows]
         if len(boxes) <= MAX_CLOUD_CANDIDATES:
-            return _ScoredBoxes(boxes, scores)
+            return BestCandidates(boxes, scores)
         best_rows = torch.topk(scores.amax(-1), MAX_CLOUD_CANDIDATES).indices
-        return _ScoredBoxes(boxes[best_rows], scores[best_rows])
+        return BestCandidates(boxes[best_rows], scores[best_rows])
 
 
 def candidates(
@@ -71,7 +71,7 @@ def candidates(
     anchors: _Grid,
     config: VoxelNetConfig,
     thresholds: Sequence[float],
-) -> list[_ScoredBoxes]:
+) -> list[BestCandidates]:
     """Boxes and scores of each cloud's best anchors.
 
     anchors: one box for each cell and anchor of the map. thresholds: lowest score to keep, for each
@@ -104,7 +104,7 @@ def all_candidates(
     logits = per_anchor(prediction.class_logits, count)
     anchor_label = torch.tensor(config.anchor_labels, device=logits.device)
     threshold = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
-    # (A, 1) by anchor, or (L,) by label; slope and intercept below have the same shape
+    # (anchors, 1) by anchor, or (labels,) by label; slope and intercept below have the same shape
     threshold = threshold[anchor_label][:, None] if config.kinds else threshold
     if config.head == "published":
         is_passing = torch.softmax(logits, -1)[..., 1:] > threshold
@@ -163,18 +163,21 @@ def _subtract_rounding(min_logit: Tensor) -> Tensor:
 
 def suppress_boxes(
     boxes: Float[Tensor, "n 7"],
-    scores: Float[Tensor, "n L"],
+    scores: Float[Tensor, "n labels"],
     config: VoxelNetConfig,
     nms_threshold: float,
+    *,
+    area: tuple[float, float, float, float] | None = None,
 ) -> Detections:
     """Detections of one cloud's candidates, each with its label of the highest score.
 
     Duplicates, boxes centred outside the area and boxes that are not finite are dropped.
 
     scores: for each of `config.labels`. nms_threshold: IoU above which the weaker of two boxes of a
-    class is a duplicate.
+    class is a duplicate. area: xmin, ymin, xmax, ymax (m) in the frame of the boxes, None for
+    `config.area`.
     """
-    xmin, ymin, xmax, ymax = config.area
+    xmin, ymin, xmax, ymax = area or config.area
     x = boxes[:, 0]
     y = boxes[:, 1]
     is_inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)
@@ -227,7 +230,9 @@ def find_rivals(boxes: Float[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
     return np.maximum(overlap, overlap.T) > SAME_GROUND_SHARE
 
 
-def strongest_rivals(detections: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:
+def strongest_rivals(
+    detections: Detections, config: VoxelNetConfig
+) -> Float[np.ndarray, "n labels"]:
     """Highest score of each other label among the boxes that overlap each detection, or 0.
 
     Columns are in the order of `config.labels`. Scores below `MIN_RIVAL_SCORE` count as 0.
@@ -244,7 +249,7 @@ def strongest_rivals(detections: Detections, config: VoxelNetConfig) -> Float[np
     return strongest
 
 
-def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "L L"] | None:
+def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "labels labels"] | None:
     """Share of each rival label's score below which a box of a label is dropped; None if no
     box is dropped.
 
@@ -282,12 +287,12 @@ def apply_rivals(detections: Detections, config: VoxelNetConfig) -> Detections:
 
 
 def rescore(
-    scores: _Scores, rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
+    scores: _Scores, rivals: Float[np.ndarray, "n labels"], rows: Float[np.ndarray, "r columns"]
 ) -> _Scores:
     """Calibrated scores, lowered by the scores of their rivals.
 
     rivals: highest score of each label that overlaps the box, 0 if none does. rows: slope,
-    intercept and a weight for each label (K = 2 + L); one row for each score (r = n) or for all
+    intercept and a weight for each label; one row for each score (r = n) or for all
     (r = 1).
     """
     slope = rows[:, 0]

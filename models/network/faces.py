@@ -51,9 +51,9 @@ class FaceFeatures(NamedTuple):
         counted: Points counted about each face of an end, side and top, opposite face included.
     """
 
-    end: Float32[np.ndarray, "2*n F"]
-    side: Float32[np.ndarray, "2*n F"]
-    top: Float32[np.ndarray, "n F"]
+    end: Float32[np.ndarray, "2*n features"]
+    side: Float32[np.ndarray, "2*n features"]
+    top: Float32[np.ndarray, "n features"]
     counted: tuple[Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " 2*n"], Int64[np.ndarray, " n"]]
 
 
@@ -87,7 +87,7 @@ class _FaceRows(NamedTuple):
     """Rows of features of one sort of face, and the points counted about each face and its
     opposite."""
 
-    features: Float32[np.ndarray, "m F"]
+    features: Float32[np.ndarray, "m features"]
     points: Int64[np.ndarray, " m"]
 
 
@@ -103,7 +103,7 @@ def _build_network(counts: int) -> nn.Sequential:
 
 
 class FaceNetworks(nn.Module):
-    """Three networks: features (n, F) to shifts outwards (m) and their log mean errors (m)."""
+    """Three networks: from features to shifts outwards (m) and their log mean errors (m)."""
 
     # mean error of each sort of face as detected (m): an answer with a smaller error moves the face
     prior: Tensor
@@ -117,11 +117,11 @@ class FaceNetworks(nn.Module):
         self.register_buffer("prior", torch.full((len(SORTS),), np.inf))
 
     def answers(
-        self, sort: str, features: Float[Tensor, "n F"]
+        self, sort: str, features: Float[Tensor, "n features"]
     ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
         """Shift outwards (m) and its log mean error (m) of faces of one of `SORTS`.
 
-        features: F features of each face."""
+        features: a row for each face."""
         shift, spread = getattr(self, sort)(features).unbind(1)  # the network of this sort
         # scaled so that an untrained network answers shifts near 0 with an error of some 5 cm
         return shift / 4, spread - 3
@@ -285,7 +285,7 @@ def face_features(
 
 
 def _with_opposite(
-    face_counts: Float[np.ndarray, "faces n F"], extras: Float[np.ndarray, "n E"]
+    face_counts: Float[np.ndarray, "faces n features"], extras: Float[np.ndarray, "n extras"]
 ) -> _FaceRows:
     """Features of one face of all n boxes, then of the opposite one if there are two.
 
@@ -307,8 +307,8 @@ def _counts(
     is_chosen: Bool[np.ndarray, " k"],
     row: Int64[np.ndarray, " k"],
     boxes: int,
-) -> Float[np.ndarray, "n F"]:
-    """Number of chosen points for each box, zone and step of distance (F = zones · steps).
+) -> Float[np.ndarray, "n features"]:
+    """Number of chosen points for each box, zone and step of distance (zones · steps columns).
 
     distance: how far each point is beyond the face (m). zone, row: zone and box of each point.
     boxes: number n of boxes. Points too far inside or outside for a step are not counted.

@@ -39,7 +39,7 @@ class Voxels(NamedTuple):
 
     points: Float32[Tensor, "n 3"]
     voxel: Int64[Tensor, " n"]
-    cells: Int64[Tensor, "v 4"]
+    cells: Int64[Tensor, "voxels 4"]
     items: int = 1
 
     def to(self, device: str | torch.device) -> "Voxels":
@@ -62,8 +62,8 @@ class Groups(NamedTuple):
     """
 
     order: Int64[Tensor, " n"]
-    number: Int64[Tensor, " g"]
-    begin: Int64[Tensor, " g"]
+    number: Int64[Tensor, " groups"]
+    begin: Int64[Tensor, " groups"]
 
     @staticmethod
     def from_numbers(numbers: Int64[Tensor, " n"]) -> "Groups":
@@ -82,7 +82,7 @@ class Groups(NamedTuple):
         begin = torch.nonzero(is_first)[:, 0]
         return Groups(order, sorted_numbers.index_select(0, begin), begin)
 
-    def counts(self) -> Int64[Tensor, " g"]:
+    def counts(self) -> Int64[Tensor, " groups"]:
         """Number of rows in each group."""
         end = self.begin.new_tensor([len(self.order)])
         return torch.diff(self.begin, append=end)
@@ -207,7 +207,7 @@ def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
 
 def encode_residuals(
     boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True
-) -> Float[Tensor, "*n R"]:
+) -> Float[Tensor, "*n residuals"]:
     """Residuals of boxes to anchors: three for the centre, three for the size, then for the yaw.
 
     boxes, anchors: x, y, z, length, width, height, yaw. doubled: True for eight residuals with
@@ -223,7 +223,9 @@ def encode_residuals(
 
 
 def decode(
-    residuals: Float[Tensor, "*n R"], anchors: _Boxes, direction: Bool[Tensor, "*n"] | None = None
+    residuals: Float[Tensor, "*n residuals"],
+    anchors: _Boxes,
+    direction: Bool[Tensor, "*n"] | None = None,
 ) -> _Boxes:
     """Boxes of residuals to anchors: the inverse of `encode_residuals`.
 

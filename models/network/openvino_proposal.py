@@ -80,8 +80,8 @@ class CompiledMaps:
 
     def __call__(
         self, x: Float32[np.ndarray, "H W C"]
-    ) -> tuple[Float32[np.ndarray, "h w A"], Float32[np.ndarray, "h w K"]]:
-        """Class logits of the A anchors, and the K features of each cell."""
+    ) -> tuple[Float32[np.ndarray, "h w A"], Float32[np.ndarray, "h w outputs"]]:
+        """Class logits of the A anchors, and the features of each cell."""
         with self._lock:
             self._request.get_input_tensor().data[0] = x
             self._request.infer()

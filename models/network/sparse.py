@@ -93,7 +93,7 @@ class LinearFeatures(nn.Module):
         self.voxel_weight = nn.Parameter(torch.cat((-from_mean, from_reference[2:])))
         self.bias = nn.Parameter(bias)
 
-    def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
+    def forward(self, voxels: Voxels) -> Float[Tensor, "voxels C"]:
         """Features of the occupied voxels, one row for each.
 
         The part of a linear layer that all points of a voxel share is added after the maximum over
@@ -192,7 +192,7 @@ class FoldedRegionProposal(nn.Module):
             block_maps.append(x)
         return self.classify(self.join(block_maps))
 
-    def classify(self, features: Float[Tensor, "B K H W"]) -> "ClassifiedCells":
+    def classify(self, features: Float[Tensor, "B outputs H W"]) -> "ClassifiedCells":
         """Class maps of the head from the feature map of the joined blocks."""
         class_logits = cell_by_cell(self.classes, features).float()
         return ClassifiedCells(class_logits, features, self.details, channels=self.detail_channels)
@@ -211,7 +211,7 @@ class ClassifiedCells(NamedTuple):
     """
 
     class_logits: Float[Tensor, "B AC H W"]
-    features: Float[Tensor, "B K H W"]
+    features: Float[Tensor, "B outputs H W"]
     details: nn.Module
     channels: list[int]
 
@@ -267,7 +267,7 @@ class PlainJoin(nn.Module):
                 for layer, bias in zip(layers, biases, strict=True)
             )
 
-    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
+    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B outputs H W"]:
         """Feature map for the head. maps: one of each block, the finest first."""
         layers: Any = self.upsample
         fine = cell_by_cell(layers[0], maps[0]) if self.add else layers[0](maps[0])
@@ -299,7 +299,7 @@ class LinearHead(nn.Module):
         coarse_weight, middle_weight, fine_weight = head.conv3x3.weight.chunk(3, 1)
         self.conv3x3 = make_conv(fine_weight, _bias(head.conv3x3), padding=1)
         self.middle = make_conv(
-            _compose(middle.weight, middle_weight), None, stride=2, padding=1, transposed=True
+            _compose(middle.weight, middle_weight), bias=None, stride=2, padding=1, transposed=True
         )
         # what the biases of both maps add through the 3x3 convolution
         bias_weight = (
@@ -316,9 +316,9 @@ class LinearHead(nn.Module):
                 bias_kernel.new_zeros(BIAS_CHANNELS - 1, *bias_kernel.shape[1:]),
             )
         )
-        self.coarse = make_conv(weight, None, stride=4, padding=1, transposed=True)
+        self.coarse = make_conv(weight, bias=None, stride=4, padding=1, transposed=True)
 
-    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
+    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B outputs H W"]:
         """Feature map for the head. maps: one of each block, the finest first."""
         fine, middle, coarse = maps
         ones = coarse.new_ones(len(coarse), BIAS_CHANNELS, *coarse.shape[2:])
@@ -327,7 +327,7 @@ class LinearHead(nn.Module):
         return x.add_(self.middle(middle)).add_(self.coarse(coarse)).relu_()
 
 
-def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K H W"]:
+def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B outputs H W"]:
     """Output of a 1x1 convolution, computed by the convolution library.
 
     On one CPU thread torch would choose a plain matrix product, which takes about twice as long.
@@ -417,10 +417,10 @@ class SparseColumns(nn.Module):
 
     def forward(
         self,
-        features: Float32[Tensor, "v C"],
+        features: Float32[Tensor, "voxels C"],
         voxels: Voxels,
         shape: tuple[int, int, int] | None = None,
-    ) -> Float[Tensor, "B K h w"]:
+    ) -> Float[Tensor, "B outputs h w"]:
         """Map after the ReLU, channels last in memory.
 
         features: a row for each occupied voxel. shape: voxels of the grid along x, y and z, if they
@@ -518,7 +518,7 @@ class Reached(NamedTuple):
         differences: Their values minus the values of an empty grid.
     """
 
-    mask: Bool[Tensor, "D P"]
+    mask: Bool[Tensor, "levels positions"]
     differences: Float32[Tensor, "n C"]
 
 
@@ -555,7 +555,9 @@ class SparseMiddle(nn.Module):
         width, levels = empty.shape[1:3]
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
-    def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
+    def forward(
+        self, features: Float32[Tensor, "voxels C"], voxels: Voxels
+    ) -> Float[Tensor, "B outputs H W"]:
         """Map seen from above, its channels in the order of `channel_order`.
 
         features: a row for each occupied voxel.
@@ -582,14 +584,18 @@ class SparseConvolution(nn.Module):
     """3x3x3 convolution and its ReLU on reached cells.
 
     weight: with its BatchNorm folded in. empty: response to the small empty grid before the ReLU,
-    S = `SMALL_GRID_CELLS`. stride, padding: along z.
+    side = `SMALL_GRID_CELLS`. stride, padding: along z.
     """
 
     weight: Tensor  # level, input, 9 · output
     empty: Tensor  # level, x, y, output
 
     def __init__(
-        self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int
+        self,
+        weight: Tensor,
+        empty: Float32[Tensor, "C levels side side"],
+        stride: int,
+        padding: int,
     ) -> None:
         """Keep the weights in the order in which they are used.
 
@@ -601,7 +607,9 @@ class SparseConvolution(nn.Module):
         self.register_buffer("weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous())
         self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())
 
-    def forward(self, reached: Reached, plane: Plane) -> tuple[Reached, Float32[Tensor, "m K"]]:
+    def forward(
+        self, reached: Reached, plane: Plane
+    ) -> tuple[Reached, Float32[Tensor, "m outputs"]]:
         """Cells reached after the ReLU, and their values.
 
         Each input row is multiplied by all nine taps of a level's kernel; each output adds up the
@@ -641,7 +649,7 @@ class SparseConvolution(nn.Module):
         values = sums.relu_()
         return Reached(mask, values - empty.relu_()), values
 
-    def everywhere(self, plane: Plane) -> Float32[Tensor, "B H W D K"]:
+    def everywhere(self, plane: Plane) -> Float32[Tensor, "B H W levels outputs"]:
         """Response of an empty grid after the ReLU."""
         small_x = _kind(torch.arange(plane.nx, device=self.empty.device), plane.nx)
         small_y = _kind(torch.arange(plane.ny, device=self.empty.device), plane.ny)
@@ -654,7 +662,9 @@ def count_before(mask: Bool[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:
     return (torch.cumsum(mask.view(-1), 0) - 1).view(mask.shape)
 
 
-def dilate(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
+def dilate(
+    mask: Bool[Tensor, "levels positions"], plane: Plane
+) -> Bool[Tensor, "levels positions"]:
     """Mask of the cells that are set or have a set cell among their eight neighbours of a level.
 
     Margins of the plane stay unset.

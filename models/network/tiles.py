@@ -53,7 +53,7 @@ class _Thinning(NamedTuple):
         dropped: Points left out, ascending, as group · points + row of the point.
     """
 
-    group: Int64[np.ndarray, " U"]
+    group: Int64[np.ndarray, " unions"]
     dropped: Int64[Tensor, " k"]
 
 
@@ -100,11 +100,11 @@ class PlacedClouds(NamedTuple):
             clouds=len(clouds),
         )
 
-    def counts(self) -> Int64[Tensor, " C"]:
+    def counts(self) -> Int64[Tensor, " clouds"]:
         """Number of points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
-    def find_crowded(self, unions: Bool[np.ndarray, "U C"], max_points: int) -> _Thinning:
+    def find_crowded(self, unions: Bool[np.ndarray, "unions clouds"], max_points: int) -> _Thinning:
         """Points left out of each union, in voxels with more than `max_points` of its points.
 
         unions: True for the clouds of each union.
@@ -208,7 +208,7 @@ class PointsByTile(NamedTuple):
         return self.row[torch.from_numpy(positions).to(device)], item
 
 
-_Bank = Float[Tensor, "n t t K"]  # values of n entries: tiles of t x t cells each
+_Bank = Float[Tensor, "n t t channels"]  # values of n entries: tiles of t x t cells each
 
 
 class Entries(NamedTuple):
@@ -217,12 +217,12 @@ class Entries(NamedTuple):
     Attributes:
         tile: Number of a tile that has the value of each entry.
         union: Row of a union in which that tile has it.
-        of: Entry of each tile in each union.
+        entry: Entry of each tile in each union.
     """
 
     tile: Int64[np.ndarray, " n"]
     union: Int64[np.ndarray, " n"]
-    of: Int64[np.ndarray, "tiles unions"]
+    entry: Int64[np.ndarray, "tiles unions"]
 
     def parts(self) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
         """Yield entries in batches: number of the first one, and `tile` and `union` of each."""
@@ -233,7 +233,7 @@ class Entries(NamedTuple):
     def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> _Bank:
         """Values of all entries, then a last row of zeros for tiles beyond the map.
 
-        values: from tiles and unions of a batch of entries to their values (m, t, t, K).
+        values: from tiles and unions of a batch of entries to their values (m, t, t, channels).
         """
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
@@ -259,7 +259,7 @@ class TilePredictions(NamedTuple):
 
 
 # True for the clouds, and in the last column for crowded voxels, within reach of each tile
-_Seen = Bool[np.ndarray, "tiles C+1"]
+_Seen = Bool[np.ndarray, "tiles clouds+1"]
 
 
 class UnionPlan(NamedTuple):
@@ -275,8 +275,8 @@ class UnionPlan(NamedTuple):
 
     placed: PlacedClouds
     seen: list[_Seen]
-    unions: Bool[np.ndarray, "U C"]
-    thinning: Int64[np.ndarray, " U"]
+    unions: Bool[np.ndarray, "unions clouds"]
+    thinning: Int64[np.ndarray, " unions"]
     dropped: Int64[Tensor, " k"]
 
     def part(self, rows: slice) -> "UnionPlan":
@@ -306,7 +306,7 @@ class UnionPlan(NamedTuple):
         return Entries(
             tile=example // union_count,
             union=example % union_count,
-            of=entry_of.reshape(tile_count, union_count),
+            entry=entry_of.reshape(tile_count, union_count),
         )
 
 
@@ -361,10 +361,10 @@ class TiledVoxelNet:
             layer.weight.permute(2, 3, 1, 0).reshape(-1, layer.in_channels, 1, 1)
             for layer in coarse_layers
         )
-        self._raised = [make_conv(weight, None).requires_grad_(False) for weight in weights]
+        self._raised = [make_conv(weight, bias=None).requires_grad_(False) for weight in weights]
 
     def plan(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions clouds"]
     ) -> UnionPlan:
         """Plan the work for unions of clouds.
 
@@ -373,7 +373,7 @@ class TiledVoxelNet:
         return self._add_thinning(self._plan_without_thinning(clouds, unions))
 
     def plan_gain(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions clouds"]
     ) -> UnionPlan | None:
         """Plan the work if that is quicker than one union after another, else None.
 
@@ -391,7 +391,7 @@ class TiledVoxelNet:
         return plan._replace(thinning=thinning.group, dropped=thinning.dropped)
 
     def _plan_without_thinning(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions clouds"]
     ) -> UnionPlan:
         """Plan as if no point was left out of crowded voxels.
 
@@ -473,7 +473,7 @@ class TiledVoxelNet:
         side = 2 * self.size + 2
         placed = plan.placed
         middle = self._network.middle
-        by_tile = placed.by_tile(self._grid, 2 * self.size, 2)
+        by_tile = placed.by_tile(self._grid, size=2 * self.size, before=2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
             """Values of tiles, each in one union. tiles: numbers; union: row of `plan.unions`."""
@@ -515,7 +515,7 @@ class TiledVoxelNet:
             (2, slice(-1, None), slice(0, 1)),
         )
         # entry of each tile and union, with tiles of zeros (the bank's last row) about the map
-        entry_of = before.of.reshape(*self._grid, -1)
+        entry_of = before.entry.reshape(*self._grid, -1)
         entry_of = np.pad(entry_of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
@@ -544,7 +544,7 @@ class TiledVoxelNet:
         for first, tiles, union in head_entries.parts():
             blocks = []  # values of the batch after each block
             for bank, bank_entries in maps:
-                rows = torch.from_numpy(bank_entries.of[tiles, union]).to(bank.device)
+                rows = torch.from_numpy(bank_entries.entry[tiles, union]).to(bank.device)
                 blocks.append(bank[rows])
             x = _cells(self._finest, blocks[0])
             for conv, y in zip(self._raised, blocks[1:], strict=True):
@@ -582,7 +582,7 @@ def spread_reach(reach: Bool[np.ndarray, "n H W"], stride: int) -> Bool[np.ndarr
     return columns[..., :-2:stride] | columns[..., 1:-1:stride] | columns[..., 2::stride]
 
 
-def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t L"]:
+def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t outputs"]:
     """Output of a 1x1 convolution for tiles, which are stacked as one map for it."""
     tile_map = x.flatten(0, 1)[None].permute(0, 3, 1, 2)
     y = cell_by_cell(conv, tile_map).permute(0, 2, 3, 1)

@@ -1,10 +1,10 @@
 """VoxelNet (Zhou and Tuzel 2018; paper, section III-D).
 
-    Voxels ─▶ VoxelFeatures ─(v, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶ RegionProposal ─▶
-        Head ─▶ Prediction
+    Voxels ─▶ VoxelFeatures ─(voxels, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶
+        RegionProposal ─▶ Head ─▶ Prediction
 
-B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This is the network as it
-is trained; `models.network.sparse` computes the same in less time once it is trained.
+C channels of B clouds, H cells along x, W cells along y. This is the network as it is trained;
+`models.network.sparse` computes the same in less time once it is trained.
 """
 
 import math
@@ -45,12 +45,12 @@ class AnchorOutputs(NamedTuple):
     """Raw outputs of n anchors besides the classes. See `Prediction` for the meaning of each.
 
     Attributes:
-        residuals: R residuals of each anchor's box.
+        residuals: residuals of each anchor's box.
         direction_logits: None for a head without them.
         quality_logits: None for a head without them.
     """
 
-    residuals: Float[Tensor, "n R"]
+    residuals: Float[Tensor, "n residuals"]
     direction_logits: Float[Tensor, " n"] | None = None
     quality_logits: Float[Tensor, " n"] | None = None
 
@@ -58,7 +58,7 @@ class AnchorOutputs(NamedTuple):
 class Prediction(NamedTuple):
     """Raw maps of the head, A anchors per cell, H cells along x and W along y.
 
-    Channels count anchor by anchor: all C (or R) values of one anchor, then of the next.
+    Channels count anchor by anchor: all values of one anchor, then of the next.
 
     Attributes:
         class_logits: Background and vehicle (head "published"), or one per label of the anchor.
@@ -117,14 +117,16 @@ def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n
 
 def voxel_means(
     points: Float32[Tensor, "n 3"], voxel: Int64[Tensor, " n"], count: int
-) -> Float32[Tensor, "v 3"]:
+) -> Float32[Tensor, "voxels 3"]:
     """Mean of the points in each of `count` voxels. voxel: number of each point's voxel."""
     # in float64, so that the order of the points does not matter
     total = points.new_zeros(count, 3, dtype=torch.float64).index_add_(0, voxel, points.double())
     return (total / torch.bincount(voxel, minlength=count)[:, None]).float()
 
 
-def voxel_references(cells: Int64[Tensor, "v 4"], config: VoxelNetConfig) -> Float32[Tensor, "v 3"]:
+def voxel_references(
+    cells: Int64[Tensor, "voxels 4"], config: VoxelNetConfig
+) -> Float32[Tensor, "voxels 3"]:
     """Point (x y z, m) from which a voxel's points are counted with "local" features.
 
     It is the centre of the voxel's column, at the lower end of the height range. cells: cloud, x, y
@@ -153,7 +155,7 @@ class VoxelFeatures(nn.Module):
             )
             self.layers.append(nn.Sequential(layer))
 
-    def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
+    def forward(self, voxels: Voxels) -> Float[Tensor, "voxels C"]:
         """Features of the occupied voxels."""
         return self.encode(*self.inputs(voxels), len(voxels.cells))
 
@@ -174,7 +176,7 @@ class VoxelFeatures(nn.Module):
 
     def encode(
         self, x: Float32[Tensor, "n 6"], voxel: Int64[Tensor, " n"], rows: int
-    ) -> Float[Tensor, "v C"]:
+    ) -> Float[Tensor, "voxels C"]:
         """Features of `rows` voxels.
 
         x: features of points. voxel: row of each point's voxel.
@@ -219,7 +221,9 @@ class MiddleLayers(nn.Module):
             raise ValueError(f"middle layers need at least 5 voxels of height, {problem}")
         self.width = depth * config.middle_widths[-1]
 
-    def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
+    def forward(
+        self, features: Float[Tensor, "voxels C"], voxels: Voxels
+    ) -> Float[Tensor, "B outputs H W"]:
         """Map seen from above, with the levels of height as channels.
 
         features: a row for each occupied voxel.
@@ -251,7 +255,9 @@ class HeightFold(nn.Module):
             nn.init.normal_(self.weight, std=1 / math.sqrt(config.voxel_width))
         self.norm = nn.BatchNorm1d(self.width)
 
-    def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
+    def forward(
+        self, features: Float[Tensor, "voxels C"], voxels: Voxels
+    ) -> Float[Tensor, "B outputs H W"]:
         """Map seen from above, 0 in cells without points; channels are last in memory.
 
         features: a row for each occupied voxel.
@@ -271,16 +277,16 @@ class HeightFold(nn.Module):
 
 
 def fold_columns(
-    features: Float[Tensor, "v C"],
-    level: Int64[Tensor, " v"],
-    column: Int64[Tensor, " v"],
-    weight: Float[Tensor, "D C K"],
-    start: Float[Tensor, "n K"],
-) -> Float[Tensor, "n K"]:
+    features: Float[Tensor, "voxels C"],
+    level: Int64[Tensor, " voxels"],
+    column: Int64[Tensor, " voxels"],
+    weight: Float[Tensor, "levels C outputs"],
+    start: Float[Tensor, "n outputs"],
+) -> Float[Tensor, "n outputs"]:
     """Columns, each with its voxels' features times the weights of their levels added.
 
     level: index along z of each voxel. column: row in `start` of each voxel's column. weight: one
-    matrix for each of D levels. start: values of the n columns before.
+    matrix for each level. start: values of the n columns before.
     """
     # the voxels of one cloud come level by level; if there are several clouds, they must be sorted
     if bool((level[1:] < level[:-1]).any()):
@@ -337,7 +343,7 @@ class RegionProposal(nn.Module):
             self.norm = nn.BatchNorm2d(map_width)
         self.width = map_width if self.add else 3 * map_width
 
-    def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K h w"]:
+    def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B outputs h w"]:
         """Feature map for the head, at the resolution of the first block."""
         maps = []
         for block, order, upsample in zip(self.blocks, self.order, self.upsample, strict=True):

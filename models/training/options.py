@@ -105,7 +105,7 @@ class TrainingOptions:
             )
         classes = ("vehicle",) if self.classes is None and self.start is None else self.classes
         if classes is not None:
-            select_anchors(classes)
+            select_anchors(classes)  # raises for an unknown class
             if not set(self.faces or ()) <= set(classes):
                 raise ValueError(
                     f"--faces must be among --classes {' '.join(classes)}, got "

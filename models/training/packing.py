@@ -69,7 +69,7 @@ def recording(
     first frames; slope: the ground's (m per m, x and y).
     """
     empty = empty_scene(frames).images if empty is None else empty
-    rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
+    rig = Rig.seeing(frames[0].sensors, area, height=height, empty=empty, slope=slope)
     frame_numbers = range(min(len(frames), len(frames) if count is None else count))
     return rig, (change(rig, frames[k]) for k in frame_numbers)
 
@@ -118,7 +118,7 @@ def read_recordings(path: Path) -> list[PackedRecording]:
     changes_by_rig: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
         pixels, steps = packed.changes(k)
-        clouds = tuple(packed.points(k, None)) if packed.is_recorded(k) else None
+        clouds = tuple(packed.points(k, rng=None)) if packed.is_recorded(k) else None
         frame_change = Change(
             pixels=tuple(pixels), steps=tuple(steps), objects=packed.objects(k), clouds=clouds
         )
@@ -145,6 +145,7 @@ def join_packed_files(paths: Iterable[Path], unfinished: Path) -> int:
 
     unfinished: file to write. Raises ValueError without any frame.
     """
+    # check: function that raises OSError once the disk failed
     with hdf5_file(unfinished) as (file, check):
         recordings = (recording for path in paths for recording in read_recordings(path))
         return _write(file, recordings, check)

@@ -46,24 +46,27 @@ def random_errors(rng: Rng) -> ErrorProfile:
         return float(rng.uniform(0, highest)) if rng.random() < chance else 0.0
 
     terms: tuple[ErrorTerm, ...] = (
-        error_terms.Glass(share=strength(0.6, 1.0)),
-        error_terms.Paint(share=strength(0.3, 0.4)),
+        error_terms.Glass(share=strength(chance=0.6, highest=1.0)),
+        error_terms.Paint(share=strength(chance=0.3, highest=0.4)),
         error_terms.DropOut(
-            share=strength(0.8, 0.06),
+            share=strength(chance=0.8, highest=0.06),
             half_range=float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0,
         ),
-        error_terms.MixedPixels(share=strength(0.7, 0.3)),
-        error_terms.rain(strength(0.2, 15.0)),
-        error_terms.DeadRows(share=strength(0.3, 0.04)),
-        error_terms.BlindSector(share=strength(0.15, 0.4)),
+        error_terms.MixedPixels(share=strength(chance=0.7, highest=0.3)),
+        error_terms.rain(strength(chance=0.2, highest=15.0)),
+        error_terms.DeadRows(share=strength(chance=0.3, highest=0.04)),
+        error_terms.BlindSector(share=strength(chance=0.15, highest=0.4)),
         error_terms.OwnNoise(),
-        error_terms.RangeBias(deviation=strength(0.3, 0.04)),
-        error_terms.stereo_noise(baseline=1.0, focal=2000.0, disparity=strength(0.7, 0.2)),
-        error_terms.lidar_noise(constant=0.0, proportional=strength(0.7, 0.001)),
-        error_terms.Calibration(
-            rotation=float(np.deg2rad(strength(0.8, 0.6))), translation=strength(0.8, 0.06)
+        error_terms.RangeBias(deviation=strength(chance=0.3, highest=0.04)),
+        error_terms.stereo_noise(
+            baseline=1.0, focal=2000.0, disparity=strength(chance=0.7, highest=0.2)
         ),
-        error_terms.ClockOffset(offset=strength(0.3, 0.07)),
+        error_terms.lidar_noise(constant=0.0, proportional=strength(chance=0.7, highest=0.001)),
+        error_terms.Calibration(
+            rotation=float(np.deg2rad(strength(chance=0.8, highest=0.6))),
+            translation=strength(chance=0.8, highest=0.06),
+        ),
+        error_terms.ClockOffset(offset=strength(chance=0.3, highest=0.07)),
     )
     return ErrorProfile("random", terms)
 

@@ -233,7 +233,7 @@ def _channels(config: VoxelNetConfig, label: str, per_anchor: int) -> list[int]:
 
 
 def platt(
-    scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None
+    scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n labels"] | None = None
 ) -> tuple[float, ...]:
     """Slope, intercept and the weights (at least 0) of L rivals' scores, fitted to hits (Platt
     1999).
@@ -415,7 +415,7 @@ class FaceExamples(NamedTuple):
         offsets: Distance of the true face from the box's face outwards (m).
     """
 
-    features: dict[str, Float32[np.ndarray, "n F"]]
+    features: dict[str, Float32[np.ndarray, "n features"]]
     offsets: dict[str, Float32[np.ndarray, " n"]]
 
 
@@ -493,7 +493,7 @@ def train_faces(
     both_stages = rebuild(network, faces=tuple(labels))
     assert both_stages.faces is not None
     examples = face_examples(frames, first_stage, labels, count=count, seed=seed)
-    fit_faces(both_stages.faces, examples, seed=seed)
+    fit_faces(both_stages.faces, examples, seed=seed)  # trains them in place
     return both_stages
 
 

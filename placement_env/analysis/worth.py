@@ -215,7 +215,9 @@ class Failures:
         return tuple(self.lost[self.left.argmin()].tolist())
 
 
-def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
+def failures(
+    value: SetFunction, chosen: Bool[np.ndarray, " candidates"], *, failing: int = 1
+) -> Failures:
     """Values of a set under every combination of failing sensors.
 
     Args:

@@ -59,9 +59,9 @@ class Axes:
         prices: Price of each model, in the unit of the mounts' prices, or empty.
     """
 
-    heights: Float64[np.ndarray, " H"]
-    headings: Float64[np.ndarray, " Y"]
-    tilts: Float64[np.ndarray, " T"]
+    heights: Float64[np.ndarray, " heights"]
+    headings: Float64[np.ndarray, " headings"]
+    tilts: Float64[np.ndarray, " tilts"]
     models: tuple[SensorModel, ...]
     prices: tuple[float, ...] = ()
 
@@ -82,13 +82,13 @@ class Axes:
 
 @dataclass(frozen=True, eq=False)
 class Candidates(Displayed):
-    """C sensors of different names to choose from, on M mounts.
+    """Sensors of different names to choose from, on mounts.
 
     Raises ValueError if the fields do not fit together.
 
     Attributes:
-        sensors: The C sensors.
-        mounts: The M mounts; some may have no candidate.
+        sensors: The sensors, one for each candidate.
+        mounts: The mounts; some may have no candidate.
         factors: Index of each sensor's mount, then its indices of height, heading, tilt and model
             in `axes`. The sensor is lower or higher than its height there if the mount's range does
             not hold it.
@@ -97,7 +97,7 @@ class Candidates(Displayed):
 
     sensors: tuple[Sensor, ...]
     mounts: tuple[Mount, ...]
-    factors: Int64[np.ndarray, "C 5"]
+    factors: Int64[np.ndarray, "candidates 5"]
     axes: Axes
 
     def __post_init__(self) -> None:
@@ -186,38 +186,38 @@ class Candidates(Displayed):
         return len(self.mounts), *self.axes.shape
 
     @cached_property
-    def mount(self) -> Int64[np.ndarray, " C"]:
+    def mount(self) -> Int64[np.ndarray, " candidates"]:
         """Index of each candidate's mount."""
         return self.factors[:, 0].copy()
 
     @cached_property
-    def mount_prices(self) -> Float64[np.ndarray, " M"]:
+    def mount_prices(self) -> Float64[np.ndarray, " mounts"]:
         """Price of each mount, paid once for all sensors on it."""
         return np.array([mount.price for mount in self.mounts], np.float64)
 
     @cached_property
-    def model_prices(self) -> Float64[np.ndarray, " C"]:
+    def model_prices(self) -> Float64[np.ndarray, " candidates"]:
         """Price of each candidate's sensor, without its mount."""
         prices = np.array(self.axes.prices or np.zeros(len(self.axes.models)), np.float64)
         return prices[self.factors[:, 4]]
 
     @cached_property
-    def prices(self) -> Float64[np.ndarray, " C"]:
+    def prices(self) -> Float64[np.ndarray, " candidates"]:
         """Price of each single candidate: its mount and its sensor."""
         return self.mount_prices[self.mount] + self.model_prices
 
     @cached_property
-    def places(self) -> Int64[np.ndarray, " M"]:
+    def places(self) -> Int64[np.ndarray, " mounts"]:
         """Largest number of sensors on each mount."""
         return np.array([mount.max_sensors for mount in self.mounts], np.int64)
 
     @cached_property
-    def several(self) -> bool:
+    def has_shared_mounts(self) -> bool:
         """True if at least one mount can carry more than one sensor."""
         return bool((self.places > 1).any())
 
     @cached_property
-    def capacity(self) -> Float64[np.ndarray, " C"]:
+    def capacity(self) -> Float64[np.ndarray, " candidates"]:
         """Capacity of the link of each candidate's mount (kbit per frame)."""
         return np.array([self.mounts[mount].capacity for mount in self.mount], np.float64)
 
@@ -236,8 +236,8 @@ class Candidates(Displayed):
         return np.array([indices[name] for name in names], np.int64)
 
     def per_mount(
-        self, subsets: Sets, figure: Float64[np.ndarray, " C"] | None = None
-    ) -> Shaped[np.ndarray, "n M"]:
+        self, subsets: Sets, figure: Float64[np.ndarray, " candidates"] | None = None
+    ) -> Shaped[np.ndarray, "n mounts"]:
         """Number of sensors of each set on each mount, or the sum of their figures.
 
         Args:
@@ -265,7 +265,7 @@ class Candidates(Displayed):
         The arguments are indices in `mounts` and `axes`, as in `factors`; arrays are broadcast, and
         the result has their shape."""
         requested = np.stack(np.broadcast_arrays(mount, height, heading, tilt, model), axis=-1)
-        # (..., 1, 5) is compared with (C, 5), which gives (..., C)
+        # (..., 1, 5) is compared with (candidates, 5), which gives (..., candidates)
         is_same = (requested[..., None, :] == self.factors).all(axis=-1)
         # `argmax` finds the first True; a last column of True is found if no candidate matches
         no_match = np.ones((*requested.shape[:-1], 1), np.bool_)
@@ -294,7 +294,7 @@ class Candidates(Displayed):
         for mount in self.mounts:
             terms = (mount.name, mount.min_height, mount.max_height, mount.price, mount.capacity)
             sha.update(repr((terms, mount.position.tolist())).encode())
-        sha.update(repr(self.places.tolist()).encode() if self.several else b"")
+        sha.update(repr(self.places.tolist()).encode() if self.has_shared_mounts else b"")
         axes = [self.axes.heights, self.axes.headings, self.axes.tilts]
         values = [axis.tolist() for axis in axes]
         sha.update(repr([values, self.axes.models, self.factors.tolist()]).encode())
@@ -328,7 +328,7 @@ def aim_sensor(
 
 
 def fit_together(
-    candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " C"] | None = None
+    candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " candidates"] | None = None
 ) -> Mask:
     """Mask of sets that fit on their mounts and shared links.
 
@@ -336,14 +336,14 @@ def fit_together(
     that.
 
     Args:
-        candidates: C candidates.
+        candidates: Candidates, the columns of `subsets`.
         subsets: n sets as rows of booleans.
         sent: kbit per frame of each candidate, None if links always suffice.
     """
     counts = candidates.per_mount(subsets)  # sensors of each set (row) on each mount
     # `places`: largest number of sensors on each mount
     fits_mounts = np.asarray((counts <= candidates.places).all(axis=1))
-    if sent is None or not candidates.several:
+    if sent is None or not candidates.has_shared_mounts:
         return fits_mounts
     loads = candidates.per_mount(subsets, sent)  # kbit per frame
     capacities = np.array([mount.capacity for mount in candidates.mounts])
@@ -352,14 +352,14 @@ def fit_together(
 
 
 def room_beside(
-    candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " C"] | None = None
+    candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " candidates"] | None = None
 ) -> Sets:
     """Mask of candidates (columns) that could be added to each set (row) and fit their mounts.
 
     Members of a set are False. A candidate on a mount without a sensor always fits its link here.
 
     Args:
-        candidates: C candidates.
+        candidates: Candidates, the columns of `subsets`.
         subsets: n sets as rows of booleans.
         sent: kbit per frame of each candidate, None if links always suffice.
     """
@@ -368,7 +368,7 @@ def room_beside(
     # `places`: largest number of sensors on each mount. Indexed by `mount`, figures of mounts
     # become figures of candidates
     has_room = np.asarray((counts < candidates.places)[:, mount] & ~subsets)
-    if sent is None or not candidates.several:
+    if sent is None or not candidates.has_shared_mounts:
         return has_room
     loads = candidates.per_mount(subsets, sent)[:, mount] + sent
     is_first = (counts == 0)[:, mount]
@@ -376,7 +376,9 @@ def room_beside(
     return np.asarray(has_room & fits_link)
 
 
-def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
+def extra_prices(
+    candidates: Candidates, row: Bool[np.ndarray, " candidates"]
+) -> Float64[np.ndarray, " candidates"]:
     """Price that each candidate adds to a set; a mount that carries a sensor already is paid.
 
     row: True for the candidates of the set."""
@@ -648,7 +650,9 @@ def _build_axes(
     )
 
 
-def _clip_heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
+def _clip_heights(
+    mounts: Sequence[Mount], heights: np.ndarray
+) -> Float64[np.ndarray, "mounts heights"]:
     """Each height (m above the foot), clipped to the range of each mount.
 
     Several heights may be clipped to the same one; only the nearest to it then has it, and the
@@ -670,13 +674,13 @@ def _mask_seeing_area(
     factors: np.ndarray,
     rotations: np.ndarray,
     models: Sequence[SensorModel],
-) -> Bool[np.ndarray, " C"]:
+) -> Bool[np.ndarray, " candidates"]:
     """Mask of poses with a part of the area in view, without occlusion.
 
     Args:
         site: Site with the area, checked at `AREA_CELLS` x `AREA_CELLS` points.
-        position: (C, 3) position of each pose (m, world frame).
-        factors: (C, 5) indices of each pose's mount, height, heading, tilt and model.
+        position: (candidates, 3) position of each pose (m, world frame).
+        factors: (candidates, 5) indices of each pose's mount, height, heading, tilt and model.
         rotations: (headings, tilts, models, 3, 3) world axes from sensor axes.
         models: Sensor models."""
     xmin, ymin, xmax, ymax = site.area
@@ -703,10 +707,10 @@ def _build_names(
     from 0 if several models are of one kind.
 
     Args:
-        mounts: The M mounts.
-        mounted: (M, H) heights above the foot (m), clipped to the mount's range.
+        mounts: The mounts.
+        mounted: (mounts, heights) heights above the foot (m), clipped to the mount's range.
         axes: Headings, tilts and models.
-        factors: (C, 5) indices of each candidate's mount, height, heading, tilt and model."""
+        factors: (candidates, 5) indices of each one's mount, height, heading, tilt and model."""
     mount_index, height_index = factors[:, :2].T
     heading_index, tilt_index = factors[:, 2:4].T
     model_index = factors[:, 4]

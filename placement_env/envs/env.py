@@ -333,7 +333,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         rewards, terminated, truncated = step(~self._ended, self.task.read_actions(actions))
         rewards = rewards.copy()  # the task's array changes when episodes start
         if self._ended.any():
-            self._start_episodes(np.flatnonzero(self._ended), None)
+            self._start_episodes(np.flatnonzero(self._ended), options=None)
         self._ended = terminated | truncated
         observations, info = self.task.observe()
         return observations, rewards, terminated, truncated, _batch_info(info, self._all_rows)

@@ -26,13 +26,13 @@ class PoseRig:
     """Sensors on their mounts.
 
     Attributes:
-        candidates: The B sensors, in the poses of the start.
+        candidates: The sensors, in the poses of the start.
         aim: Present height above the mount's foot (m), heading from +x and tilt below the horizon
             (rad) of each sensor.
     """
 
     candidates: Candidates
-    aim: Float64[np.ndarray, "B 3"]
+    aim: Float64[np.ndarray, "sensors 3"]
 
     @staticmethod
     def from_candidates(candidates: Candidates) -> "PoseRig":
@@ -43,7 +43,7 @@ class PoseRig:
         aim = np.stack([height, sensor_poses.heading, sensor_poses.tilt], axis=1)
         return PoseRig(candidates, aim)
 
-    def move(self, action: Float64[np.ndarray, "B 3"]) -> "PoseRig":
+    def move(self, action: Float64[np.ndarray, "sensors 3"]) -> "PoseRig":
         """Rig after an action, within the mounts' heights and `TILT_LIMITS_RAD`.
 
         A sensor that was beyond a limit may stay beyond it.
@@ -141,7 +141,7 @@ class _PoseScenarios(EpisodeSource):
         members = [int(rng.choice(usable[mount_of == mount])) for mount in drawn_mounts]
         rig = PoseRig.from_candidates(candidates.select(members))
         slots = np.arange(self.slots)
-        scenario = self.scenario(preparation, rig, None)
+        scenario = self.scenario(preparation, rig, previous=None)
         return _PoseEpisode(
             scenario=scenario,
             budget=budget,
@@ -238,7 +238,7 @@ def _update_visibility(
     preparation: Preparation,
     candidates: Candidates,
     visibility: Visibility | None,
-    is_still: Bool[np.ndarray, " C"],
+    is_still: Bool[np.ndarray, " candidates"],
 ) -> Visibility:
     """Visibility of the traffic from candidates; rows of unmoved candidates are copied.
 
@@ -317,6 +317,6 @@ class SensorPoseVectorEnv(PlacementVectorEnv):
     task_type = _PoseTask
 
 
-def _feet_z(candidates: Candidates) -> Float64[np.ndarray, " C"]:
+def _feet_z(candidates: Candidates) -> Float64[np.ndarray, " candidates"]:
     """Height of the foot of each candidate's mount (m, site frame)."""
     return np.array([candidates.mounts[index].position[2] for index in candidates.mount])

@@ -51,7 +51,7 @@ MAX_KEPT_SCENARIOS = 64  # in memory if episodes draw their traffic
 
 
 class Scenario:
-    """Objective with its C candidates in `slots` slots.
+    """Objective with its candidates in `slots` slots.
 
     Attributes:
         objective: Objective.
@@ -97,7 +97,9 @@ class Scenario:
         is_scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
         self.constants = np.concatenate([weights / (weights + 1), is_scheme]).astype(np.float32)
 
-    def _features(self, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
+    def _features(
+        self, seen: Float64[np.ndarray, " candidates"]
+    ) -> Float64[np.ndarray, "features candidates"]:
         """Features of the candidates, in the order of `STATIC`, before they are clipped to -1..1.
 
         seen: share of the places that each candidate sees."""
@@ -128,7 +130,7 @@ class Scenario:
         )
 
 
-def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
+def places_seen(objective: Objective) -> Bool[np.ndarray, "candidates places"]:
     """Mask of the places that each candidate sees, at most `MAX_PLACES` places.
 
     Places are vehicles of the traffic, seen with `LEAST` points or more. Without traffic they are
@@ -164,10 +166,10 @@ def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
 
 
 class SensorPoses(NamedTuple):
-    """Poses of C candidates.
+    """Poses of candidates.
 
     Attributes:
-        position: Positions (C, 3), x, y, z (m).
+        position: Positions (candidates, 3), x, y, z (m).
         heading: Headings from +x (rad).
         tilt: Tilts below the horizon (rad).
         fov: Horizontal fields of view (rad).

@@ -75,7 +75,7 @@ class CasesFidelity:
         return dict(zip(self.cases.names, by_profile, strict=True))
 
     def _score_over_cases(
-        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
+        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m candidates"]], Estimate]
     ) -> Estimate:
         """AP, recall and kbit of each set over all cases.
 
@@ -107,7 +107,9 @@ class CasesFidelity:
         return means
 
     def _score_at_profiles(
-        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
+        self,
+        subsets: Sets,
+        score: Callable[[Fidelity, Bool[np.ndarray, "m candidates"]], _Estimated],
     ) -> list[_Estimated]:
         """Figures of each set at each error profile, over thresholds, levels and failures.
 
@@ -125,7 +127,7 @@ class CasesFidelity:
             ap = self._combine(by_level, "ap", owners)
             recall = self._combine(by_level, "recall", owners)
             # kbit are for intact sets in all traffic; without levels these are scored already
-            first_scorer = profile.levels[0][0]
+            first_scorer = profile.levels[0][0]  # at the first level and the first IoU threshold
             is_scored = profile.whole is first_scorer
             intact = by_level[0][0] if is_scored else score(profile.whole, subsets)
             kbit = intact.kbit[: len(subsets)]  # the first rows are the intact sets
@@ -171,7 +173,7 @@ def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
     A case is an error profile, an IoU threshold, a level of traffic and a failure of sensors. With
     a single case, that case's scorer is returned itself. The result can score sets on only
     some frames (`ByFrames`) if all given scorers can."""
-    if cases.plain and len(profiles) == 1:
+    if cases.is_one_case and len(profiles) == 1:
         return profiles[0].whole
     fidelities = [
         fidelity for profile in profiles for level in profile.levels for fidelity in level

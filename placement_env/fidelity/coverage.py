@@ -50,7 +50,7 @@ class SentData:
 
 def sent_per_frame(
     visibility: Visibility, scheme: Scheme, codec: Codec
-) -> Float64[np.ndarray, "C F"]:
+) -> Float64[np.ndarray, "candidates frames"]:
     """Data that each candidate (row) sends in each frame (column), in kbit.
 
     In schemes that send boxes, a candidate sends one for each object that it has `LEAST` points or

@@ -165,7 +165,7 @@ class Detected:
         self.iou = iou
         self.scheme = find_scheme(scheme)
         self.codec = check_codec(codec)
-        self.frames = len(_list_frames(renders.frames, None))  # ValueError if there are none
+        self.frames = len(_list_frames(renders.frames, frames=None))  # ValueError if there are none
         self.ious = tuple(sorted({*IOUS, iou}))  # thresholds at which outcomes are matched
         self._scored: dict[int, np.ndarray] = {}  # mask of the objects to find, by frame
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
@@ -264,7 +264,7 @@ class Detected:
             for i, iou in enumerate(self.ious)
         }
 
-    def hits(self, subset: Bool[np.ndarray, " C"]) -> Bool[np.ndarray, "ious objects"]:
+    def hits(self, subset: Bool[np.ndarray, " candidates"]) -> Bool[np.ndarray, "ious objects"]:
         """Mask of the scored objects that one set hits, a row for each of `ious`.
 
         Columns are the scored objects of all frames, frame after frame.
@@ -315,7 +315,7 @@ class Detected:
         """Fused detections of a set (ascending indices of candidates) in frame k, not matched."""
         frame = _FrameDetections(self, k)
         detections = frame.fused(members).detections
-        self.memo.put(frame.new)
+        self.memo.put(frame.uncached_detections)
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
@@ -432,19 +432,20 @@ def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[b
     It may run in another process than its caller.
 
     detected: Fidelity with the measurements, detector, scheme, codec and cache."""
-    if not detected.processes.alone and "torch" in sys.modules:
+    if not detected.processes.has_one_process and "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)  # each core already has a process
     frame = _FrameDetections(detected, task.k)
     frame.fuse_together(task.sets)
     outcomes = [detected.outcome(task.k, frame.fused(members)) for members in task.sets]
-    return outcomes, frame.new
+    return outcomes, frame.uncached_detections
 
 
 class _FrameDetections:
     """Detections of sensor sets in frame k, each union of clouds detected in once.
 
     Attributes:
-        new: Arrays of the detections that were not cached, by key; the caller keeps them."""
+        uncached_detections: Arrays of the detections that were not cached, by key; the caller
+            keeps them."""
 
     def __init__(self, rules: Detected, k: int) -> None:
         """Begin without any detections. rules: what they depend on; k: index of the frame."""
@@ -458,7 +459,7 @@ class _FrameDetections:
         self._fused: dict[tuple[int, ...], Fused] = {
             (): Fused(Detections.empty(), np.zeros(0, np.int64))
         }
-        self.new: dict[bytes, Arrays] = {}
+        self.uncached_detections: dict[bytes, Arrays] = {}
         renders = rules.renders
         images = Images(number=k)
         if isinstance(renders, MeasuredImages):
@@ -512,7 +513,7 @@ class _FrameDetections:
     def _try_fuse(self, members: tuple[int, ...]) -> bool:
         """Fuse a set; return False if it waits for a detection, which is now in `_requests`."""
         try:
-            self.fused(members)
+            self.fused(members)  # keeps its result
         except _Unknown:
             return False
         return True
@@ -539,12 +540,12 @@ class _FrameDetections:
         return self._detected[key]
 
     def _keep(self, key: bytes, detections: Detections) -> None:
-        """Keep detections for this frame, and in `new` for the cache, which the caller writes."""
+        """Keep detections for this frame, and for the cache, which the caller writes."""
         self._detected[key] = detections
         columns = [detections.boxes, detections.scores, detections.labels]
         if detections.doubts is not None:
             columns.append(detections.doubts)
-        self.new[key] = tuple(columns)
+        self.uncached_detections[key] = tuple(columns)
 
 
 class _Unknown(Exception):

@@ -42,7 +42,7 @@ class Observed(NamedTuple):
     """Hits and AP of n sensor sets at one site, measured with a detector.
 
     Attributes:
-        visibility: Points of the C candidates on the O scored objects, all of one class.
+        visibility: Points of the candidates on the scored objects, all of one class.
         subsets: Sets as rows of booleans, one column per candidate.
         hits: True if a set hits an object.
         ap: AP of each set.
@@ -51,7 +51,7 @@ class Observed(NamedTuple):
 
     visibility: Visibility
     subsets: Sets
-    hits: Bool[np.ndarray, "n O"]
+    hits: Bool[np.ndarray, "n objects"]
     ap: Float64[np.ndarray, " n"]
     radius: float = HYBRID_RADIUS_M
     sensors: tuple[str, ...] = ()
@@ -64,7 +64,7 @@ class _Weights(NamedTuple):
         objects: How often each object counts.
         sets: How often each sensor set counts."""
 
-    objects: Float64[np.ndarray, " O"]
+    objects: Float64[np.ndarray, " objects"]
     sets: Float64[np.ndarray, " n"]
 
 
@@ -237,7 +237,7 @@ class _Fitting:
             **self._fixed_fields, **by_name, ceiling=ceiling, floor=floor, false_alarms=false_alarms
         )
 
-    def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
+    def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n objects"]]:
         """Hit probability of each object (columns) for each set (rows), at each site."""
         probabilities = []
         for evidence, observation in zip(self._evidence, self._observed, strict=True):
@@ -323,7 +323,7 @@ def fit_detected(
         source: Fitted data in words, for the models.
         ious: IoU thresholds of vehicles, from the ones of `Detected`; all if empty. Other
             classes are fitted at the thresholds that `Classes.get_iou` gives for them.
-        resamples: Number of fits to resampled data for each model, see `fit`.
+        resamples: Number of fits to resampled data that give each model its spread, 0 for none.
         seed: Seed of the resamples.
 
     Raises ValueError if the data of a class are empty."""
@@ -432,7 +432,8 @@ def fit_sites(
         detector_of: Returns the detector to use at a site.
         schemes: Fusion schemes, or their names.
         classes: Classes of the objects.
-        ious: IoU thresholds of vehicles; see `fit_detected` for other classes.
+        ious: IoU thresholds of vehicles. Other classes are fitted at the thresholds that
+            `Classes.get_iou` gives for them.
         sampling: Numbers of poses, sets and resamples to draw.
         source: Fitted data in words, for the models.
         run: Frames, processes, progress, cache and seed. Seed plus index of a site draws its
@@ -464,7 +465,7 @@ def fit_sites(
             )
             detected = detected.at(ious[0], also=ious)
             report = run.stage(f"{scheme.name} fusion", len(sites) * frames, before=number * frames)
-            detected.estimates(subsets, progress=report)
+            detected.estimates(subsets, progress=report)  # keeps its detections for the fit
             detected_sites.append((seen, detected, subsets))
         fitted += fit_detected(
             detected_sites, source=source, ious=ious, resamples=sampling.resamples, seed=run.seed

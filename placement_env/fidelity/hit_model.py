@@ -122,8 +122,8 @@ class HitDomain:
 
     def outside(
         self,
-        points: Float32[np.ndarray, "C O"],
-        distance: Float32[np.ndarray, "C O"],
+        points: Float32[np.ndarray, "candidates objects"],
+        distance: Float32[np.ndarray, "candidates objects"],
         sensors: Iterable[str] = (),
     ) -> tuple[str, ...]:
         """Sentences on how candidates and objects exceed this range, empty if they do not.
@@ -247,7 +247,7 @@ class HitModel:
             z *= np.minimum(1, (raw / self.floor**self.norm) ** (1 / self.norm))
         return z
 
-    def of_size(self, boxes: Float[np.ndarray, "O 7"]) -> Float[np.ndarray, " O"]:
+    def of_size(self, boxes: Float[np.ndarray, "objects 7"]) -> Float[np.ndarray, " objects"]:
         """Factor of each object's volume on `probability`: 1 up to `BULKY_M3`, less above.
 
         boxes: x, y, z, length, width, height (m), yaw (rad)."""

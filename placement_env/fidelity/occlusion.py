@@ -50,7 +50,7 @@ class Windows(NamedTuple):
         least: Lower bound of each sensor's measurement of the box (m)."""
 
     rows: Int64[np.ndarray, "m 5"]
-    least: Float32[np.ndarray, " S"]
+    least: Float32[np.ndarray, " sensors"]
 
 
 class Chances(NamedTuple):
@@ -65,16 +65,16 @@ class Chances(NamedTuple):
 
 
 class SensorRays:
-    """Rays of S sensors, P pixels in all, and what they measure at the empty site.
+    """Rays of sensors and what they measure at the empty site.
 
     Pixels are numbered sensor after sensor, and row after row in an image.
 
     Attributes:
-        sensors: The S sensors.
-        rays: (P, 3) ray of each pixel, world axes, float32; ray times measurement is the offset of
-            a point from its sensor.
-        still: (P,) measurements of the empty site (m, 0 for no return).
-        first: (S + 1,) number of the first pixel of each sensor, then P."""
+        sensors: Sensors, in the order of their pixels.
+        rays: (pixels, 3) ray of each pixel, world axes, float32; ray times measurement is the
+            offset of a point from its sensor.
+        still: (pixels,) measurements of the empty site (m, 0 for no return).
+        first: (sensors + 1,) number of the first pixel of each sensor, then the number of all."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         """Measure the empty site with each sensor, and list the rays of all.
@@ -211,16 +211,16 @@ class SensorRays:
 
 
 class SeenPoints(NamedTuple):
-    """Points of S sensors on the O scored objects of all frames, and in each of F frames.
+    """Points of sensors on the scored objects of all frames, and in each frame.
 
     Attributes:
         points: Points without noise on each object, objects frame after frame.
         sent: Points expected in the crop under noise.
         far: The ones beyond the site's hybrid radius."""
 
-    points: Float32[np.ndarray, "S O"]
-    sent: Float32[np.ndarray, "S F"]
-    far: Float32[np.ndarray, "S F"]
+    points: Float32[np.ndarray, "sensors objects"]
+    sent: Float32[np.ndarray, "sensors frames"]
+    far: Float32[np.ndarray, "sensors frames"]
 
 
 class _Part(NamedTuple):
@@ -291,9 +291,9 @@ class _Scene:
     """Sensors at the empty site, to which the objects of a frame are added.
 
     Attributes:
-        views: Rays of the S sensors.
-        sent: (S,) points of each sensor sent at the empty site.
-        far: (S,) the ones beyond the site's hybrid radius."""
+        views: Rays of the sensors.
+        sent: (sensors,) points of each sensor sent at the empty site.
+        far: (sensors,) the ones beyond the site's hybrid radius."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         """Measure the empty site, and the expected number of its points that each sensor sends.
@@ -349,7 +349,7 @@ class _Scene:
         )
 
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points of S sensors on the n objects of a frame, and what they add to those sent and far.
+        """Points of sensors on the n objects of a frame, and what they add to those sent and far.
 
         The nearest hit of a pixel counts; of equally near ones the first object's.
 
@@ -357,8 +357,8 @@ class _Scene:
             parts: Part of each object.
 
         Returns:
-            (S, n) points in the crop on each object; (S,) points sent more than at the empty site;
-            (S,) far points more than at the empty site."""
+            (sensors, n) points in the crop on each object; (sensors,) points sent more than at the
+            empty site; (sensors,) far points more than at the empty site."""
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)

@@ -43,13 +43,13 @@ class Preparation:
         setting: Site, candidates, fusion scheme, fidelity and cases.
         run: Number of frames, seed, cache and processes.
         stride: Step between the simulated frames that count.
-        compares: True if sets are only compared, for which the detector is replaced by its
+        compares_sets: True if sets are only compared, for which the detector is replaced by its
             `quick_detector`."""
 
     setting: Setting
     run: Run = Run()
     stride: int = 1
-    compares: bool = False
+    compares_sets: bool = False
 
     @property
     def frames(self) -> int:
@@ -83,7 +83,7 @@ class Preparation:
         return self.split(count) if count > 1 else ()
 
     @property
-    def plain(self) -> "Preparation":
+    def intact_preparation(self) -> "Preparation":
         """New preparation for intact sets in undivided traffic; nothing made here is shared."""
         cases = replace(self.setting.cases, failing=0, levels=1)
         return replace(self, setting=replace(self.setting, cases=cases))
@@ -133,14 +133,15 @@ class Preparation:
 
     @cached_property
     def network(self) -> str:
-        """Name of the shipped network for the candidates, see `find_network`."""
+        """Name of the shipped network: the site's own if all candidates are its sensors, else the
+        general one."""
         return find_network(self.setting.place, self.setting.pool.sensors)
 
     @cached_property
     def detector(self) -> Detector:
         """The setting's detector, or the shipped one; its `quick_detector` if sets are compared."""
         detector = self.setting.detector or load_shipped_detector(self.network, self.setting.place)
-        return quick_detector(detector) if self.compares else detector
+        return quick_detector(detector) if self.compares_sets else detector
 
     @cached_property
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:
@@ -202,7 +203,7 @@ class Preparation:
 
         None unless the setting's fidelity is "surrogate" and it has only one case."""
         setting = self.setting
-        if setting.fidelity != "surrogate" or not setting.cases.plain:
+        if setting.fidelity != "surrogate" or not setting.cases.is_one_case:
             return None
         fidelity = self._share(setting, self.unseen).fidelity()
         return fidelity if isinstance(fidelity, Surrogate) else None
@@ -212,7 +213,7 @@ class Preparation:
 
         Nothing is rendered."""
         check_scorable(self.setting)
-        _check_levels(self.setting, _find_fidelity_name(self.setting, None))
+        _check_levels(self.setting, _find_fidelity_name(self.setting, name=None))
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
         """Scorer of sets of the candidates over the setting's cases.

@@ -231,6 +231,6 @@ def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around:
         key = (model, step * TABLE_TILT_STEP_RAD, 0.0)
         has_room = RAY_TABLES.nbytes < MAX_AHEAD_SHARE * MAX_TABLE_BYTES
         if key not in RAY_TABLES and has_room:
-            get_ray_table(*key)
+            get_ray_table(*key)  # made and kept
             return True
     return False

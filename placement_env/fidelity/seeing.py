@@ -86,7 +86,7 @@ def see(
 
 def choose_quick(
     sensors: Sequence[Sensor], traffic: Traffic, rendering: Rendering
-) -> Bool[np.ndarray, " S"]:
+) -> Bool[np.ndarray, " sensors"]:
     """Mask of the sensors whose view comes from panoramas rather than from casting all their rays.
 
     Panoramas have no limited range, so only sensors qualify that measure all of the detection area,
@@ -266,7 +266,7 @@ class RoundLook(_Look):
         return make_key("panoramas", traffic.digest(), self._depends_on(self.sensors))
 
     @cached_property
-    def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:
+    def _places(self) -> tuple[Float64[np.ndarray, "places 3"], Int64[np.ndarray, " sensors"]]:
         """Distinct places of the sensors (m, to 1e-6 m), and the index of each sensor's place."""
         positions = np.array([sensor.position for sensor in self.sensors]).round(6)
         places, place_of_sensor = np.unique(positions, axis=0, return_inverse=True)

@@ -35,7 +35,7 @@ MAX_ONE_THREAD_PRODUCT = 1 << 18
 
 
 class ClassEvidence(NamedTuple):
-    """Evidence of C candidates on the O objects of one class.
+    """Evidence of candidates on the objects of one class.
 
     Attributes:
         powers: n ^ norm of each candidate and object, which adds up over the sensors of a set.
@@ -43,8 +43,8 @@ class ClassEvidence(NamedTuple):
         model: Hit model of the class.
         weight: Weight of the class among all classes with objects, which add up to 1."""
 
-    powers: Float32[np.ndarray, "C O"]
-    size_factor: Float64[np.ndarray, " O"]
+    powers: Float32[np.ndarray, "candidates objects"]
+    size_factor: Float64[np.ndarray, " objects"]
     model: HitModel
     weight: float
 
@@ -132,7 +132,7 @@ class Surrogate:
         ap, recall = np.stack([part.find_figures(subsets) for part in self._parts], axis=2)
         return ClassEstimates(ap=ap, recall=recall, kbit=self._sent.kbit(subsets))
 
-    def hits(self, subset: Bool[np.ndarray, " C"]) -> list[Float64[np.ndarray, " _"]]:
+    def hits(self, subset: Bool[np.ndarray, " candidates"]) -> list[Float64[np.ndarray, " _"]]:
         """Probability that a set hits each object, one array per class in the objects' order.
 
         subset: True for the candidates of the set."""
@@ -238,22 +238,22 @@ def _choose_models(
 class _SizeFactors:
     """Factors of objects' sizes on their hit probabilities by one model, computed when needed."""
 
-    def __init__(self, model: HitModel, boxes: Float64[np.ndarray, "O 7"]) -> None:
+    def __init__(self, model: HitModel, boxes: Float64[np.ndarray, "objects 7"]) -> None:
         self.model = model
         self.boxes = boxes
 
     @cached_property
-    def factor(self) -> Float64[np.ndarray, " O"]:
+    def factor(self) -> Float64[np.ndarray, " objects"]:
         """Factor of each object, 1 unless it is bulky."""
         return self.model.of_size(self.boxes)
 
     @cached_property
-    def single(self) -> Float32[np.ndarray, " O"]:
+    def single(self) -> Float32[np.ndarray, " objects"]:
         """Factor of each object in single precision."""
         return self.factor.astype(np.float32)
 
     @cached_property
-    def resampled(self) -> list[Float32[np.ndarray, " O"]]:
+    def resampled(self) -> list[Float32[np.ndarray, " objects"]]:
         """Factors of all objects for each resampled fit of the model."""
         return [model.of_size(self.boxes).astype(np.float32) for model in self.model.resamples]
 
@@ -276,7 +276,7 @@ class _Part:
         self.sums = MemberSums(evidence.rows(self.model))
         self.objects = evidence.visibility.points.shape[1]
 
-    def powers(self) -> Float32[np.ndarray, "C O"]:
+    def powers(self) -> Float32[np.ndarray, "candidates objects"]:
         """Evidence n ^ norm of each candidate and object.
 
         Raises ValueError in hybrid fusion, whose evidence is no sum over sensors."""
@@ -308,7 +308,7 @@ class _Part:
         return figures
 
     def resample(
-        self, subsets: Bool[np.ndarray, "n C"], count: int
+        self, subsets: Bool[np.ndarray, "n candidates"], count: int
     ) -> Float64[np.ndarray, "count n"]:
         """AP of each set by each of the first `count` resampled fits, NaN without an object.
 
@@ -339,7 +339,7 @@ class _Part:
         ap, _ = compute_expected_ap(ranked, alarms[:, None])
         return ap.reshape(count, -1)
 
-    def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n O"]:
+    def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n objects"]:
         """Hit probability of each object for each of n sets.
 
         sums: Sums of `Evidence.rows` over the members of each set."""
@@ -349,7 +349,7 @@ class _Part:
 
 
 def compute_expected_ap(
-    probability: Float[np.ndarray, "n O"], false_alarms: float | Float32[np.ndarray, "n 1"]
+    probability: Float[np.ndarray, "n objects"], false_alarms: float | Float32[np.ndarray, "n 1"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """Expected AP and recall of n sets; 0 without an object.
 
@@ -374,10 +374,10 @@ def compute_expected_ap(
 
 
 def resample_ap(
-    probability: Float64[np.ndarray, " O"],
+    probability: Float64[np.ndarray, " objects"],
     false_alarms: float,
-    draws: Float32[np.ndarray, "n B"],
-    block: Int64[np.ndarray, " O"],
+    draws: Float32[np.ndarray, "n blocks"],
+    block: Int64[np.ndarray, " objects"],
 ) -> Float64[np.ndarray, " n"]:
     """Expected AP of one set in n resamples of the traffic, NaN for a resample without an object.
 
@@ -386,7 +386,7 @@ def resample_ap(
     Args:
         probability: Hit probability of each object.
         false_alarms: Expected false alarms for each object that is less surely found and not hit.
-        draws: How often each of B blocks is drawn in each resample.
+        draws: How often each block is drawn in each resample.
         block: Index of each object's block."""
     order = np.argsort(-probability, kind="stable")
     # axes block, object: 1 for the objects of each block, best objects first
@@ -427,19 +427,21 @@ class Evidence:
     radius: float
 
     @cached_property
-    def _pooled(self) -> Bool[np.ndarray, "C O"] | None:
+    def _pooled(self) -> Bool[np.ndarray, "candidates objects"] | None:
         """Mask of pairs whose points the centre gets in addition to boxes; None if there are none.
 
         Only hybrid fusion has such pairs."""
         return self.scheme.mask_pooled(self.visibility.distance, self.radius)
 
     @cached_property
-    def _place(self) -> tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"]]:
+    def _place(
+        self,
+    ) -> tuple[Float32[np.ndarray, "candidates objects"], Float64[np.ndarray, " objects"]]:
         """Distance of each pair (1 m or more) in units of 20 m; |sin 2ψ| of each object's yaw ψ."""
         yaw = self.visibility.boxes[:, 6]
         return np.maximum(self.visibility.distance, 1) / 20, np.abs(np.sin(2 * yaw))
 
-    def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
+    def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "candidates w"]:
         """Evidence of each candidate, whose columns are summed over the members of a set.
 
         n are a candidate's points N on an object, weighted by its distance and heading. Columns are
@@ -456,13 +458,15 @@ class Evidence:
         return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
 
     def _columns(self, points: np.ndarray, model: HitModel) -> list[np.ndarray]:
-        """One or two groups of columns of `rows`, each (C, O), from n or N of each pair."""
+        """One or two groups of columns of `rows`, each (candidates, objects).
+
+        They come from n or N of each pair."""
         powers = np.minimum(points, MAX_OBJECT_POINTS) ** model.norm
         return [powers] if self._pooled is None else [powers, np.where(self._pooled, points, 0)]
 
     def joined(
         self, sums: Float[np.ndarray, "n w"], model: HitModel
-    ) -> tuple[Float[np.ndarray, "n O"], Float[np.ndarray, "n O"] | None]:
+    ) -> tuple[Float[np.ndarray, "n objects"], Float[np.ndarray, "n objects"] | None]:
         """Σ n_i ^ norm, and Σ N_i ^ norm if the model has a floor (else None), of n sets.
 
         sums: Sums of `rows` over the members of each set, for the same model."""
@@ -473,7 +477,7 @@ class Evidence:
 
     def _with_centre(
         self, sums: Float[np.ndarray, "n w"], model: HitModel
-    ) -> Float[np.ndarray, "n O"]:
+    ) -> Float[np.ndarray, "n objects"]:
         """Sum over the sensors, and over the centre as one more sensor in hybrid fusion.
 
         sums: Sums of `_columns` over the members of each set."""

@@ -206,8 +206,10 @@ class Surround:
         ]
 
 
-def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> SuccessiveStrips:
-    """Finder of the strips seen from V places (x, y, z; m, world frame), frame after frame.
+def successive_strips(
+    traffic: Traffic, places: Float64[np.ndarray, "places 3"]
+) -> SuccessiveStrips:
+    """Finder of the strips seen from places (x, y, z; m, world frame), frame after frame.
 
     Each strip shows an object outside the crop, in it, or in it and beyond the hybrid radius."""
     limits = Counted(crop=Crop.from_place(traffic.site), radius=traffic.site.hybrid_radius)

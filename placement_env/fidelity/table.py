@@ -98,7 +98,7 @@ class TableOrigin:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """AP, recall and data of all 2^C sets of C sensors, measured with a detector.
+    """AP, recall and data of all sets of some sensors, measured with a detector.
 
     Row number r is the set of the sensors c for which r has bit c. Schemes are as in
     `PAPER_SCHEMES`, IoU thresholds as in `TableOrigin.ious`. Figures of a class
@@ -188,7 +188,7 @@ class Table:
         return TableColumn(ap=ap[:, s, i], recall=recall[:, s, i], kbit=self.kbit[:, s])
 
     @property
-    def subsets(self) -> Bool[np.ndarray, "sets C"]:
+    def subsets(self) -> Bool[np.ndarray, "sets sensors"]:
         """Set of each row of the table, as rows of booleans; the empty one is first."""
         return all_subsets(len(self.origin.sensors))
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
-    """Points of C candidates on the O scored objects of F frames.
+    """Points of candidates on the scored objects of some frames.
 
     Objects are scored if they have some classes and are centred in the site's area. They come frame
     after frame.
@@ -41,13 +41,13 @@ class Visibility:
         far: Sent points that are horizontally beyond the radius of hybrid fusion from the sensor.
         labels: Class (number) of each object; all are vehicles if not given."""
 
-    points: Float32[np.ndarray, "C O"]
-    distance: Float32[np.ndarray, "C O"]
-    frame: Int64[np.ndarray, " O"]
-    boxes: Float64[np.ndarray, "O 7"]
-    sent: Float32[np.ndarray, "C F"]
-    far: Float32[np.ndarray, "C F"]
-    labels: Int64[np.ndarray, " O"] = None  # type: ignore[assignment]  # None: all vehicles
+    points: Float32[np.ndarray, "candidates objects"]
+    distance: Float32[np.ndarray, "candidates objects"]
+    frame: Int64[np.ndarray, " objects"]
+    boxes: Float64[np.ndarray, "objects 7"]
+    sent: Float32[np.ndarray, "candidates frames"]
+    far: Float32[np.ndarray, "candidates frames"]
+    labels: Int64[np.ndarray, " objects"] = None  # type: ignore[assignment]  # None: all vehicles
 
     def __post_init__(self) -> None:
         if self.labels is None:
@@ -59,7 +59,7 @@ class Visibility:
         return self.sent.shape[1]
 
     @property
-    def on_objects(self) -> Float32[np.ndarray, "C F"]:
+    def on_objects(self) -> Float32[np.ndarray, "candidates frames"]:
         """Points of each candidate on all scored objects of each frame together."""
         sums = np.zeros((self.frames, len(self.points)), np.float32)  # axes: frame, candidate
         np.add.at(sums, self.frame, self.points.T)
@@ -98,7 +98,7 @@ class Visibility:
         mask = np.isin(self.labels, labels)
         return self if mask.all() else self._with_objects(mask)
 
-    def _with_objects(self, mask: Bool[np.ndarray, " O"]) -> "Visibility":
+    def _with_objects(self, mask: Bool[np.ndarray, " objects"]) -> "Visibility":
         """Copy with only the objects of a mask; points sent stay."""
         per_pair = {name: getattr(self, name)[:, mask] for name in ("points", "distance")}
         per_object = {name: getattr(self, name)[mask] for name in ("frame", "boxes", "labels")}
@@ -192,11 +192,11 @@ def _join(
     """Visibility from counts of single frames.
 
     Args:
-        sensors: The C sensors.
-        objects: Scored objects of each of F frames.
-        points: For each frame (C, objects) points on these.
-        sent: (C, F) points sent.
-        far: (C, F) far points sent."""
+        sensors: Sensors, the rows of the arrays below.
+        objects: Scored objects of each frame.
+        points: For each frame (sensors, objects) points on these.
+        sent: (sensors, frames) points sent.
+        far: (sensors, frames) far points sent."""
     # an empty array comes first, as there may be no frame
     on_objects = np.concatenate([np.zeros((len(sensors), 0)), *points], axis=1).astype(np.float32)
     boxes = np.concatenate([np.zeros((0, 7)), *(frame_objects.boxes for frame_objects in objects)])
@@ -216,8 +216,8 @@ def _join(
 
 
 def distances(
-    sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]
-) -> Float32[np.ndarray, "C O"]:
-    """Horizontal distance (m) from each of C sensors to the centre of each of O boxes."""
+    sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "objects 7"]
+) -> Float32[np.ndarray, "candidates objects"]:
+    """Horizontal distance (m) from each sensor to the centre of each box."""
     positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
     return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)

@@ -355,7 +355,7 @@ def build_load(
 
 def measure_links(
     candidates: Candidates,
-    kbit: Float64[np.ndarray, "C frames"],
+    kbit: Float64[np.ndarray, "sensors frames"],
     link_share: float,
     *,
     limited: bool,

@@ -122,7 +122,7 @@ def mount_sensor(
 
 def remove_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
     """Remove the named sensor. Raises ValueError for an unknown or locked one."""
-    variant.find_unlocked(name)
+    variant.find_unlocked(name)  # raises for an unknown or locked one
     return VariantChange(variant.without_sensor(name), f"{name} removed")
 
 

@@ -94,9 +94,9 @@ class VariantEditor:
         return self.variant.sensors
 
     @property
-    def past(self) -> tuple[Step, ...]:
+    def past_steps(self) -> tuple[Step, ...]:
         """Steps that can be undone, the latest one last."""
-        return self.history.past
+        return self.history.past_steps
 
     # changes
 

@@ -86,7 +86,7 @@ class LiveAnswer:
         approaches: Share found on each approach.
         levels: Share found at each level of traffic.
         links: Load of the link of each pole.
-        objects: Number of road users that count, in all frames (O).
+        objects: Number of road users that count, in all frames.
         frames: Number of frames.
         unseen: Number of these road users without a point of any working sensor.
         currency: Currency of the price, "" for prices in ordinary poles.
@@ -128,10 +128,10 @@ class LiveAnswer:
     resamples: Float64[np.ndarray, " resamples"] = field(
         default_factory=lambda: np.zeros(0), repr=False, compare=False
     )
-    probability: Float64[np.ndarray, " O"] = field(
+    probability: Float64[np.ndarray, " objects"] = field(
         default_factory=lambda: np.zeros(0), repr=False, compare=False
     )
-    hidden: Bool[np.ndarray, " O"] = field(
+    hidden: Bool[np.ndarray, " objects"] = field(
         default_factory=lambda: np.zeros(0, np.bool_), repr=False, compare=False
     )
 
@@ -206,7 +206,7 @@ class Meter:
         return Objective.from_view(preparation, candidates, visibility, preparation.setting.weights)
 
     def measure_ap(
-        self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
+        self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " candidates"]
     ) -> tuple[float, int]:
         """AP of the working sensors, and number of problems of all sensors.
 
@@ -218,7 +218,7 @@ class Meter:
         return ap, len(list_problems(objective))
 
     def measure(
-        self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
+        self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " candidates"]
     ) -> LiveAnswer:
         """Figures of the working sensors, without a change since others.
 
@@ -282,7 +282,7 @@ class Meter:
         )
 
     @cached_property
-    def _block(self) -> Int64[np.ndarray, " O"]:
+    def _block(self) -> Int64[np.ndarray, " objects"]:
         """Number of the block of frames of each road user."""
         return self.unseen.frame // BLOCK_FRAMES
 
@@ -294,11 +294,11 @@ class Meter:
     def _by_class(
         self,
         surrogate: Surrogate,
-        is_working: Bool[np.ndarray, " C"],
+        is_working: Bool[np.ndarray, " candidates"],
         seen: Visibility,
         spread: float,
     ) -> tuple[
-        tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]
+        tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " objects"]
     ]:
         """Figures of each class, resampled AP of all, and probability that each object is found.
 
@@ -337,7 +337,7 @@ class Meter:
         return tuple(rows), resamples, probability
 
     def _resample(
-        self, surrogate: Surrogate, is_working: Bool[np.ndarray, " C"]
+        self, surrogate: Surrogate, is_working: Bool[np.ndarray, " candidates"]
     ) -> tuple[Float64[np.ndarray, " resamples"], list[Float64[np.ndarray, " resamples"]]]:
         """AP of all classes combined, and list with the AP of each class, in each resample.
 
@@ -353,7 +353,7 @@ class Meter:
         return surrogate.classes.combined(np.stack(class_resamples, axis=1)), class_resamples
 
     def _by_group(
-        self, groups: "_ObjectGroups", probability: Float64[np.ndarray, " O"]
+        self, groups: "_ObjectGroups", probability: Float64[np.ndarray, " objects"]
     ) -> tuple[FoundShare, ...]:
         """Share found of each group of objects, with its interval; groups without any are left out.
 
@@ -419,7 +419,7 @@ class _ObjectGroups(NamedTuple):
         group_indices: Index in `names` of the group of each road user."""
 
     names: tuple[str, ...]
-    group_indices: Int64[np.ndarray, " O"]
+    group_indices: Int64[np.ndarray, " objects"]
 
 
 def list_problems(objective: Objective) -> tuple[str, ...]:
@@ -446,8 +446,8 @@ def list_problems(objective: Objective) -> tuple[str, ...]:
 
 
 def _without_each(
-    is_working: Bool[np.ndarray, " C"], members: Int64[np.ndarray, " m"]
-) -> Bool[np.ndarray, "m C"]:
+    is_working: Bool[np.ndarray, " candidates"], members: Int64[np.ndarray, " m"]
+) -> Bool[np.ndarray, "m candidates"]:
     """Masks of the working sensors without one: row k without sensor `members[k]`."""
     remaining = np.repeat(is_working[None], len(members), axis=0)
     remaining[np.arange(len(members)), members] = False

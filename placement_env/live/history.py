@@ -43,7 +43,7 @@ class VariantHistory:
         return self.variants[self.current]
 
     @property
-    def past(self) -> tuple[Step, ...]:
+    def past_steps(self) -> tuple[Step, ...]:
         """Steps that can be undone, the latest one last."""
         return tuple(self._past)
 

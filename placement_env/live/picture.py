@@ -55,7 +55,7 @@ class GroundPicture:
         picture = JsonObject(vars(self), "picture")
         check_name(picture.get("name", str))
         for key in ("width", "height"):
-            picture.whole(key, 1, MAX_SIDE_PX)
+            picture.whole(key, low=1, high=MAX_SIDE_PX)
         for key in ("x", "y", "turn"):
             picture.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M)
         picture.number("scale", MIN_SCALE_M, MAX_SCALE_M)

@@ -101,14 +101,14 @@ class LivePlanner(VariantEditor):
             return self.answer("another question")
 
     @property
-    def first(self) -> Setting:
+    def first_setting(self) -> Setting:
         """Setting at the start, as it was given."""
-        return self.scorer.first
+        return self.scorer.first_setting
 
     @property
-    def asked(self) -> Setting:
+    def asked_setting(self) -> Setting:
         """Setting that `ask` has made, or the one at the start, as it was given."""
-        return self.scorer.asked
+        return self.scorer.asked_setting
 
     @property
     def setting(self) -> Setting:
@@ -165,7 +165,7 @@ class LivePlanner(VariantEditor):
         Raises ValueError if the plan has another detector than the shipped one, which the setting
         lacks."""
         if self.plan is not None:
-            _check_detector(self.plan, self.asked)
+            _check_detector(self.plan, self.asked_setting)
         predicted = self.finish()
         return self.scorer.measure(self.variant, predicted)
 
@@ -190,7 +190,7 @@ class LivePlanner(VariantEditor):
     def finish(self) -> LiveAnswer:
         """Figures of the variant that is shown, without anything coarse."""
         while (answer := self.answer()).coarse:
-            self.refine()
+            self.refine()  # makes a part of it exact
         return answer
 
     def suggest(
@@ -218,7 +218,7 @@ class LivePlanner(VariantEditor):
 
         Yields the figures of each improvement, which is shown and can be undone. stop: function
         that returns True to end the search."""
-        waiting_names = self.variant.movable  # names of sensors that may move, in a new list
+        waiting_names = self.variant.movable_names  # names of sensors that may move, in a new list
         while waiting_names and not stop():
             name = waiting_names.pop(0)
             if name not in {sensor.name for sensor in self.sensors}:
@@ -228,7 +228,7 @@ class LivePlanner(VariantEditor):
             if best is not None and best.answer.ap > before.ap + MIN_HELPFUL_GAIN_AP and not stop():
                 yield self.accept(best)
                 # a move may help all others now
-                waiting_names = self.variant.movable
+                waiting_names = self.variant.movable_names
                 waiting_names.remove(name)
 
 

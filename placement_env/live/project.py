@@ -122,7 +122,7 @@ class ProjectFile:
         )
         past = ", ".join(
             f"[{json.dumps(name)}, {_format_variant(variant)}]"
-            for name, variant in planner.past[-MAX_SAVED_STEPS:]
+            for name, variant in planner.past_steps[-MAX_SAVED_STEPS:]
         )
         return (
             # [:-1] drops the closing brace of the head; {{ and }} are single braces in the text
@@ -202,14 +202,16 @@ class ProjectFile:
             case_changes["iou"] = tuple(question.numbers("iou"))
         if "errors" in question.value:
             case_changes["errors"] = tuple(question.texts("errors"))
-        changes: dict[str, Any] = {"cases": replace(self.planner.asked.cases, **case_changes)}
+        changes: dict[str, Any] = {
+            "cases": replace(self.planner.asked_setting.cases, **case_changes)
+        }
         if "classes" in question.value:
             changes["classes"] = question.texts("classes")
         if "scheme" in question.value:
             changes["scheme"] = question.get("scheme", str)
         if "most_price" in question.value:
             has_limit = question.value["most_price"] is not None
-            changes["most_price"] = question.number("most_price", 0) if has_limit else math.inf
+            changes["most_price"] = question.number("most_price", low=0) if has_limit else math.inf
         self.planner.ask(**changes)
 
 
@@ -231,7 +233,7 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     _check_export(folder)
     candidates = planner.yard.candidates(variant)
     members = range(len(variant.sensors))
-    planner.finish()
+    planner.finish()  # nothing coarse is exported
     seen, _ = planner.look(candidates)
     kbit = sent_per_frame(seen, planner.setting.fusion, planner.setting.codec)
     equipped_site = mounted_site(site, candidates, members)
@@ -276,7 +278,7 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     candidates = planner.yard.candidates(planner.variant)
     poles = tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))  # each once
     setting = replace(
-        planner.asked,
+        planner.asked_setting,
         site=mounted_site(planner.yard.site, candidates, range(len(candidates))),
         candidates=replace(planner.priced_stock, candidates=candidates),
         keep=poles,

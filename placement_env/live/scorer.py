@@ -63,7 +63,7 @@ class LiveScorer:
         self._currency = currency
         self._max_sensors = max_sensors
         self._earlier_answer: LiveAnswer | None = None  # the next answers state the change since it
-        self.first = setting
+        self.first_setting = setting
         # figures come from the first frames only, until the views of all are made
         begins_with_fewer = first_frames is not None and first_frames < run.frames_or(FRAMES)
         first_run = replace(run, frames=first_frames, cache=None) if begins_with_fewer else run
@@ -91,9 +91,9 @@ class LiveScorer:
         preparation = Preparation(setting, run)
         preparation.check()
         panoramas_before = None if before is None else self.preparation.live
-        self.asked = question
+        self.asked_setting = question
         self.setting = setting
-        self.preparation = preparation.plain
+        self.preparation = preparation.intact_preparation
         if before is not None:
             self.preparation = self.preparation.share_traffic(before)
         self._meter = Meter(self.preparation, self._currency)
@@ -107,7 +107,7 @@ class LiveScorer:
         changes: new values of `Setting` fields by name, such as classes, cases, scheme and
         most_price. The next answer states no change."""
         before = self.preparation
-        self._start_question(replace(self.asked, **changes), before.run, before)
+        self._start_question(replace(self.asked_setting, **changes), before.run, before)
         self._earlier_answer = None
 
     @property
@@ -115,8 +115,8 @@ class LiveScorer:
         """Changes of the setting since the start, as JSON values: the new value by name.
 
         Names are classes, iou, errors, scheme and most_price (None for any price)."""
-        first_values = _describe_question(self.first)
-        present_values = _describe_question(self.asked)
+        first_values = _describe_question(self.first_setting)
+        present_values = _describe_question(self.asked_setting)
         return {
             name: value for name, value in present_values.items() if value != first_values[name]
         }
@@ -181,7 +181,7 @@ class LiveScorer:
 
         Views are from panoramas at the sensors' exact heights, or from rays if the setting's
         rendering is "full"."""
-        candidates = self._yard.candidates(variant.working)
+        candidates = self._yard.candidates(variant.working_variant)
         rendering: Rendering = self.setting.rendering
         if rendering == "auto":
             rendering = "panorama"
@@ -201,9 +201,9 @@ class LiveScorer:
         all others are kept."""
         from placement_env.report.planning.judging import Judge
 
-        working_variant = variant.working
+        working_variant = variant.working_variant
         setting = replace(
-            self.asked,
+            self.asked_setting,
             site=self._yard.site,
             candidates=self._yard.candidates(working_variant),
             fidelity="detector",
@@ -240,7 +240,7 @@ class LiveScorer:
         def show(preparation: Preparation) -> None:
             """Score by all frames from now on."""
             with lock:
-                self._start_question(self.asked, preparation.run, preparation)
+                self._start_question(self.asked_setting, preparation.run, preparation)
                 self.all_frames.end()
                 self._earlier_answer = None
 

@@ -87,7 +87,7 @@ class StockViews:
         key = next(iter(list(self._waiting_groups)), None)
         return key is not None and self._view_group(key)
 
-    def view_free_poles(self, patience: float, is_free: Bool[np.ndarray, " M"]) -> bool:
+    def view_free_poles(self, patience: float, is_free: Bool[np.ndarray, " mounts"]) -> bool:
         """Make the views of the poses at one height of every free pole that lacks them.
 
         patience: time (s) for that; at least one is made. is_free: True for mounts that a sensor
@@ -122,7 +122,7 @@ class StockViews:
         self,
         base: Candidates,
         seen: Visibility,
-        is_working: Bool[np.ndarray, " B"],
+        is_working: Bool[np.ndarray, " sensors"],
         objective: Callable[[Candidates, Visibility], Objective],
     ) -> list[int]:
         """Indices in the stock of known poses that may join a set, the greatest reward first.

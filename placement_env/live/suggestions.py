@@ -176,7 +176,7 @@ def apply_suggestion(yard: Yard, variant: Variant, suggestion: Suggestion) -> Va
     if suggestion.kind == "remove":
         return remove_sensor(yard, variant, sensor.name)
     if suggestion.kind == "move":
-        variant.find_unlocked(sensor.name)
+        variant.find_unlocked(sensor.name)  # raises for an unknown or locked one
         yard.check_room(variant.without_sensor(sensor.name), sensor.mount)
         return VariantChange(variant.with_sensor(sensor), f"{sensor.name} moved")
     yard.check_room(variant, sensor.mount)

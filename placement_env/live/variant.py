@@ -119,12 +119,12 @@ class Variant:
         return any(shapely.Polygon(area).distance(foot) < KERB_GAP_M for area in self.keep_out)
 
     @property
-    def movable(self) -> list[str]:
+    def movable_names(self) -> list[str]:
         """Names of the sensors that are neither locked nor failed."""
         return [s.name for s in self.sensors if not s.locked and not s.failed]
 
     @property
-    def working(self) -> "Variant":
+    def working_variant(self) -> "Variant":
         """The variant without the sensors that have failed."""
         return replace(self, sensors=tuple(s for s in self.sensors if not s.failed))
 

@@ -39,7 +39,7 @@ class VariantView(NamedTuple):
 
     candidates: Candidates
     seen: Visibility
-    is_working: Bool[np.ndarray, " C"]
+    is_working: Bool[np.ndarray, " candidates"]
     coarse: bool
 
 
@@ -206,6 +206,7 @@ def make_view(panoramas: TrafficView, candidates: Candidates, k: int, sensor: Se
     """Make the panorama for a sensor on the mount of candidate k; False if it is known."""
     if panoramas.knows(sensor):
         return False
+    # keeps the panorama
     panoramas.see(replace(candidates.select([k]), sensors=(sensor,)), reach="own")
     return True
 

@@ -15,6 +15,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.handover.ground import GroundGrid, visible_polygons
 from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
+from toolkit.grid_sums import sum_squares_around
 from toolkit.plots import canvas, ground_map, map_sheet, palette, pole_marks, sensor_marks
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -280,17 +281,8 @@ def smooth(
     values: figure of each cell; counted: True for cells that take part; cell: side of a cell (m).
     """
     reach = max(0, round((SMOOTHING_SIDE_M / cell - 1) / 2))  # cells from the middle to a side
-    side = 2 * reach + 1
-
-    def sum_squares(grid: np.ndarray) -> np.ndarray:
-        """Sum of a grid over the square around each cell, from sums of all cells before its
-        corners."""
-        padded = np.pad(grid.astype(np.float64), reach)
-        sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
-
-    counts = sum_squares(counted)
-    totals = sum_squares(np.where(counted, values, 0))
+    counts = sum_squares_around(counted.astype(np.float64), reach)
+    totals = sum_squares_around(np.where(counted, values, 0.0), reach)
     return np.where(counts > 0.5, totals / np.maximum(counts, 1), 0.0)  # counts are whole
 
 

@@ -81,7 +81,7 @@ def _draw_view(
         figure.text(
             0.0,
             (1 + share) / 2,
-            canvas.plain(sensor.name),
+            canvas.replace_unprintable(sensor.name),
             fontsize=9,
             fontweight="bold",
             va="center",

@@ -64,7 +64,7 @@ def search(
         raise ValueError(
             "CMA-ES moves sensors, so it needs an objective made from a site: Objective(site)"
         )
-    if not objective.setting.cases.plain:
+    if not objective.setting.cases.is_one_case:
         raise ValueError(
             "CMA-ES knows one IoU threshold and no failures: pass --method portfolio or swap"
         )
@@ -428,7 +428,7 @@ class Coding:
         return tuple(sensors)
 
     def options(self) -> dict[str, object]:
-        """Bounds as `cma` takes them. All values except the headings are bounded."""
+        """Options of `cma`: lower and upper bounds of all values, none for headings."""
         # lift, turn and tilt of each sensor: lower bounds, then upper ones
         return {"bounds": [[end, None, end] * len(self.start) for end in (0.0, 1.0)]}
 

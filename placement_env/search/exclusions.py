@@ -101,7 +101,7 @@ def describe_exclusions(
 
 def explain_kept(
     objective: Objective,
-    is_allowed: Bool[np.ndarray, " C"],
+    is_allowed: Bool[np.ndarray, " candidates"],
     max_kbit: float = math.inf,
     currency: str = "",
 ) -> tuple[str, ...]:

@@ -102,7 +102,7 @@ def choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | N
     return choose_poses(pool, score, objective.kept)
 
 
-def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
+def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " candidates"]:
     """Score of each single candidate by its points on objects, row by row to save memory.
 
     It is the sum of log(1 + points) over the objects, with at most `ENOUGH_POINTS` on each, which
@@ -115,7 +115,7 @@ def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
 
 
 def choose_poses(
-    pool: Candidates, score: Float64[np.ndarray, " C"], required: Int64[np.ndarray, " k"]
+    pool: Candidates, score: Float64[np.ndarray, " candidates"], required: Int64[np.ndarray, " k"]
 ) -> Int64[np.ndarray, " n"]:
     """Indices of the poses with the highest scores, ascending, at most `MAX_POSES`.
 

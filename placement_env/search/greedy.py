@@ -67,7 +67,7 @@ def search(
     members, rise = grow(progress)
     prices = objective.candidates.prices
     if math.isfinite(objective.most_price) and np.ptp(prices) > 0:
-        grow(progress, prices)
+        grow(progress, prices)  # `progress` keeps the best set of both
     if submodular is None:
         submodular = is_submodular(objective)
     if submodular:
@@ -85,7 +85,7 @@ def search(
 
 def grow(
     progress: Progress,
-    prices: Float64[np.ndarray, " C"] | None = None,
+    prices: Float64[np.ndarray, " candidates"] | None = None,
     *,
     start: Sequence[int] = (),
 ) -> Growth:
@@ -175,7 +175,7 @@ def guarantee(objective: Objective) -> float:
     if len(objective.kept):
         return 0.0
     mount = objective.candidates.mount[objective.allowed([])]
-    if not objective.candidates.several and len(np.unique(mount)) == len(mount):
+    if not objective.candidates.has_shared_mounts and len(np.unique(mount)) == len(mount):
         return 1 - 1 / np.e
     return 0.0 if objective.shared_links is not None else 0.5
 

@@ -69,7 +69,7 @@ def check_search(
             f"method raced needs fidelity detector, got {fidelity}, which is quick: pass --method "
             "greedy"
         )
-    if method in PLAIN_CASES_ONLY and cases is not None and not cases.plain:
+    if method in PLAIN_CASES_ONLY and cases is not None and not cases.is_one_case:
         raise ValueError(
             f"method {method} knows one IoU threshold and no failures: pass --method portfolio or "
             "swap"

@@ -133,7 +133,7 @@ class Progress:
         self.limits.resume(state["limits"])
         self.best = as_rows([state["best"]], self.size)[0]
         self.reward = float(state["reward"])
-        self.objective.scores(self.best[None])
+        self.objective.scores(self.best[None])  # scored again, so that it is in memory
 
     def figures(self, subsets: Sets) -> Scores:
         """Scores of sets, feasible or not; the best feasible one is kept as incumbent.

@@ -335,7 +335,7 @@ def _build_result(content: _Row) -> Result:
 
 
 def _build_sensor(row: _Row) -> Sensor:
-    """Sensor from its JSON values, as `_describe_sensor` returns them."""
+    """Sensor from its JSON values: name, model with its values, and pose (4 by 4)."""
     return Sensor(
         row["name"], make_model(row["model"], row["values"]), np.array(row["pose"], np.float64)
     )

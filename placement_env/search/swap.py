@@ -222,7 +222,11 @@ def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> lis
         options = poses[objective.next_allowed(members)[poses]]  # that may join these members
         if len(members) < budget and options.size:
             members.append(int(rng.choice(options)))
-    while candidates.several and len(members) < budget and rng.random() < EXTRA_SENSOR_CHANCE:
+    while (
+        candidates.has_shared_mounts
+        and len(members) < budget
+        and rng.random() < EXTRA_SENSOR_CHANCE
+    ):
         options = np.flatnonzero(objective.allowed(members))
         if not options.size:
             break

@@ -28,7 +28,7 @@ class AccurateRanking:
         fast: Reward of each by the fast objective.
         accurate: Reward of each by the accurate objective."""
 
-    sets: Bool[np.ndarray, "k C"]
+    sets: Bool[np.ndarray, "k candidates"]
     fast: Float64[np.ndarray, " k"]
     accurate: Float64[np.ndarray, " k"]
 

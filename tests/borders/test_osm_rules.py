@@ -82,7 +82,7 @@ def test_each_direction_has_rules_of_its_own():
     assert allowed(1, **tags) == {"bicycle"}
     reading = read_rules({"highway": "residential", "maxspeed": "50", "maxspeed:backward": "30"})
     assert reading.rules.speeds == pytest.approx((50 / 3.6, 30 / 3.6))
-    assert reading.rules.differs
+    assert reading.rules.sides_differ
     against = read_rules({"highway": "residential", "oneway": "-1", "maxspeed:backward": "20"})
     assert against.oneway == "-1"
     assert against.rules.speeds[0] == pytest.approx(20 / 3.6)

@@ -100,7 +100,7 @@ def test_a_step_may_be_undone_during_a_drag(page, move):
     where = 5.0 if move == "lift" else spot(30.0, 4.0)
     page.jobs.drag(lambda: getattr(page.drags, move)(name, where, last=False), last=False)
     settle(page)
-    while page.planner.past:
+    while page.planner.past_steps:
         page.change(page.planner.undo)
         settle(page)
     drag(page, lambda last: getattr(page.drags, move)(name, where, last=last))

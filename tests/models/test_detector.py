@@ -13,7 +13,7 @@ from models.network.candidates import MIN_RIVAL_SCORE, apply_rivals
 from models.network.grid import collate, voxelise
 from models.network.voxelnet import VoxelNet
 from models.weight_files import WeightsHeader, load_weights, save_weights
-from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Detector, UnionDetector
 
 CONFIG = VoxelNetConfig.light((-8, -8, 8, 8))
 
@@ -60,6 +60,27 @@ def test_shifted_grids_pool_what_each_of_them_finds():
     halves = [cloud[:900], cloud[900:]]
     (union,) = phased.unions(halves, np.ones((1, 2), bool))
     np.testing.assert_array_equal(union.boxes, found.boxes)
+
+
+def test_grids_are_shifted_by_parts_of_a_cell_along_each_axis():
+    # cells of the map are 0.5 m along x and 0.3 m along y, and the area ends within a cell
+    config = dataclasses.replace(
+        CONFIG, area=(-8.0, -8.0, 8.3, 7.9), voxel_size=(0.25, 0.15, CONFIG.voxel_size[2])
+    )
+    detector = VoxelNetDetector(network(config)).shift_grids(8)
+    shifts = []
+
+    def note(clouds):
+        shifts.append(clouds[0][0])
+        return [Detections.empty()]
+
+    vars(detector)["batch"] = note
+    detector(np.zeros((1, 3), np.float32))
+    steps = np.array([0.7548776662466927, 0.5698402909980532])
+    cells = np.outer(np.arange(8), steps) % 1
+    np.testing.assert_allclose(
+        shifts, np.column_stack([cells * [0.5, 0.3], np.zeros(8)]), atol=1e-6
+    )
 
 
 def test_digests_change_and_what_is_outside_is_ignored():

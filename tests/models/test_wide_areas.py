@@ -7,6 +7,7 @@ import pytest
 from models import detector as module
 from models.detector import VoxelNetDetector, WideVoxelNetDetector, load_detector
 from toolkit.bodies.drawn_bodies import draw_body
+from toolkit.boxes import nms
 from toolkit.objects import VEHICLE
 
 
@@ -46,6 +47,45 @@ def test_blocks_find_what_one_grid_finds(limits):
     assert apart.max() < 0.3
     assert abs(len(found) - len(expected)) <= 2
     assert not len(wide(cloud[:0]))
+
+
+def draw_car(rng, x, y):
+    """Points (m) all over a drawn car with its middle at a place."""
+    body = draw_body(VEHICLE, rng)
+    corners = body.vertices[body.triangles[rng.integers(len(body.triangles), size=600)]]
+    points = (corners * rng.dirichlet([1, 1, 1], 600)[:, :, None]).sum(axis=1)
+    return (points + np.array([x, y, body.size[2] / 2])).astype(np.float32)
+
+
+@pytest.fixture
+def quartered(limits):
+    """Detector of a square that has borders of blocks at x = 0 and y = 0, and one of it whole."""
+    area = (-40.0, -40.0, 40.0, 40.0)
+    whole = load_detector("general", area=area)
+    limits(module, MAX_COLUMNS=10_000, BLOCK_CELLS=round(40 / whole.config.voxel_size[0]))
+    wide = load_detector("general", area=area)
+    assert type(wide) is WideVoxelNetDetector
+    return wide, whole
+
+
+def test_a_car_is_found_whose_centre_is_in_a_block_without_points(quartered):
+    wide, whole = quartered
+    car = draw_car(np.random.default_rng(3), 0.3, 12.0)
+    rear = car[car[:, 0] < -0.1]
+    (expected,) = whole(rear).boxes[:, :2]
+    assert expected[0] > 0.1
+    (found,) = wide(rear).boxes[:, :2]
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_cars_on_a_border_are_found_once_even_if_blocks_disagree(quartered, limits):
+    limits(module, MARGIN_CELLS=8)  # so narrow that each block sees another part of a car
+    wide = load_detector("general", area=quartered[0].area)
+    rng = np.random.default_rng(0)
+    for x in np.linspace(-1.5, 1.5, 7):
+        found = wide(draw_car(rng, x, 12.0))
+        kept = nms(found.boxes, found.scores, wide.nms_threshold, labels=found.labels)
+        assert 1 <= len(found) == len(kept)
 
 
 def test_few_points_in_a_wide_area_take_little():

@@ -70,7 +70,7 @@ def draw_proportions(rng: Rng) -> Proportions:
     if kind.name == "pickup":
         # stations of the profile's low part behind the cabin; the bed has start, end and width
         low = profile[(profile[:, 1] < 0.7) & (profile[:, 0] > 0.45), 0]
-        bed = Bed(float(low[0]) + 0.012, 0.982, 0.84)
+        bed = Bed(start=float(low[0]) + 0.012, end=0.982, width=0.84)
     return Proportions(
         kind=kind.name,
         length=length,

@@ -101,7 +101,7 @@ def _make_proportions(row: _CatalogueRow) -> Proportions:
         barrel=0.06,
         tail=0.14,
         tyre=0.12,
-        bed=Bed(0.625 + row.rake, 0.985, 0.8) if is_pickup else None,
+        bed=Bed(start=0.625 + row.rake, end=0.985, width=0.8) if is_pickup else None,
         spread=spread_stations(20, 2),
     )
 

@@ -10,11 +10,11 @@ BELT_M = 1.05  # height of the lower edge of a bus's windows
 FRAME_END_M = 0.9  # a truck's frame is shorter than the truck by this much
 
 
-LARGE_TRUCK = VehicleSize(7.6, 2.35, 2.5)
-SMALL_TRUCK = VehicleSize(6.3, 2.05, 2.25)
-TIPPER = VehicleSize(7.9, 2.4, 2.75)
-CITY_BUS = VehicleSize(12.0, 2.55, 3.0)
-MIDIBUS = VehicleSize(8.9, 2.35, 2.85)
+LARGE_TRUCK = VehicleSize(length=7.6, width=2.35, height=2.5)
+SMALL_TRUCK = VehicleSize(length=6.3, width=2.05, height=2.25)
+TIPPER = VehicleSize(length=7.9, width=2.4, height=2.75)
+CITY_BUS = VehicleSize(length=12.0, width=2.55, height=3.0)
+MIDIBUS = VehicleSize(length=8.9, width=2.35, height=2.85)
 
 
 def trucks() -> dict[str, tuple[Mesh, Mesh]]:
@@ -24,7 +24,7 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
         "box_truck": _join(
             [
                 _make_cab(LARGE_TRUCK),
-                _make_box(LARGE_TRUCK.length, 5.6, 2.45, 3.35),
+                _make_box(LARGE_TRUCK.length, length=5.6, width=2.45, top=3.35),
                 *make_axles((2.5, -1.8), width=2.4, radius=0.45),
             ],
             _make_cab_mirror(LARGE_TRUCK),
@@ -32,7 +32,7 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
         "small_box_truck": _join(
             [
                 _make_cab(SMALL_TRUCK, 1.7),
-                _make_box(SMALL_TRUCK.length, 4.35, 2.15, 2.95),
+                _make_box(SMALL_TRUCK.length, length=4.35, width=2.15, top=2.95),
                 *make_axles((2.05, -1.55), width=2.1, radius=0.37),
             ],
             _make_cab_mirror(SMALL_TRUCK),

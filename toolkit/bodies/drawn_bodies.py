@@ -26,7 +26,8 @@ HEAVY_SHARES = (0.55, 0.17, 0.28)  # trucks, articulated trucks and buses of the
 def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
     """Draw a body of a class; its name gives class and kind, such as "vehicle/estate".
 
-    label: number or name of the class (`LABELS`); evenly: see `draw_person`."""
+    label: number or name of the class (`LABELS`); evenly: True to draw rare kinds of people nearly
+    as often as adults."""
     label = label_index(label)
     drawn = _draw_mesh(label, rng, evenly)
     return make_boxed_body(f"{LABELS[label]}/{drawn.kind}", label, drawn.mesh, drawn.outside)
@@ -51,10 +52,10 @@ def _draw_car(rng: Rng) -> DrawnMesh:
     shape = draw_proportions(rng)
     if rng.random() < BLOCK_CAR_SHARE:
         block_car = build_block_car(shape, rng)
-        return DrawnMesh(f"block_{shape.kind}", block_car, draw_mirrors(shape, rng))
+        return DrawnMesh(f"block_{shape.kind}", block_car, outside=draw_mirrors(shape, rng))
     load_kind, load = draw_load(shape, rng)
     kind = f"{shape.kind}_{load_kind}" if load_kind else shape.kind
-    return DrawnMesh(kind, merge([loft_car(shape), load]), draw_mirrors(shape, rng))
+    return DrawnMesh(kind, merge([loft_car(shape), load]), outside=draw_mirrors(shape, rng))
 
 
 def _draw_towing_car(rng: Rng) -> DrawnMesh:
@@ -62,7 +63,7 @@ def _draw_towing_car(rng: Rng) -> DrawnMesh:
     shape = draw_proportions(rng)
     trailer_kind, trailer = draw_trailer(shape, rng)
     mesh = merge([loft_car(shape), trailer])
-    return DrawnMesh(f"{shape.kind}_with_{trailer_kind}", mesh, draw_mirrors(shape, rng))
+    return DrawnMesh(f"{shape.kind}_with_{trailer_kind}", mesh, outside=draw_mirrors(shape, rng))
 
 
 def draw_heavy(rng: Rng) -> DrawnMesh:

@@ -44,7 +44,7 @@ def draw_bus(rng: Rng) -> DrawnMesh:
     return DrawnMesh(
         "bendy_bus" if is_bendy else short_kind,
         merge([*parts, *wheels]),
-        merge([mirror, flip_sides(mirror)]),
+        outside=merge([mirror, flip_sides(mirror)]),
     )
 
 

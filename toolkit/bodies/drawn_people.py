@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.arrays import Rng
 from toolkit.bodies import people
-from toolkit.bodies.figures import AT_AN_EAR, PUSHING, Figure, Pair, hold, pair, person, striding
+from toolkit.bodies.figures import Figure, Pair, pair, person, phone, push, striding
 from toolkit.bodies.mesh_parts import DrawnMesh, plank
 from toolkit.bodies.wheels import make_wheel
 from toolkit.mesh import Mesh, flip_sides, merge, place, scale_mesh, stand, tube
@@ -61,7 +61,7 @@ def _draw_child(rng: Rng) -> Mesh:
 
 def _draw_pram(height: float, rng: Rng) -> Mesh:
     """Draw a person of a height (m) with a pushchair."""
-    pushing_person = person(hold(_draw_walking(rng), *PUSHING), height)
+    pushing_person = person(push(_draw_walking(rng)), height)
     pushchair = scale_mesh(people.pushchair(height), float(rng.uniform(0.85, 1.1)))
     return merge([pushing_person, pushchair])
 
@@ -72,7 +72,7 @@ def _draw_walker(height: float, rng: Rng) -> Mesh:
     feet = [(x, y) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
     legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], radii=0.015, sides=5) for x, y in feet]
     wheels = [make_wheel(x, y, radius=0.09, breadth=0.04, sides=8) for x, y in feet]
-    pushing_person = person(hold(_draw_walking(rng, lean=0.06), *PUSHING), height)
+    pushing_person = person(push(_draw_walking(rng, lean=0.06)), height)
     seat = plank((0.25, 0.46, 0.05), x=0.5, y=0.0, z=0.5)
     return merge([pushing_person, *legs, *wheels, seat])
 
@@ -97,9 +97,9 @@ def _draw_adult(height: float, rng: Rng) -> Mesh:
 def draw_pose(rng: Rng, stout: float) -> Figure:
     """Draw a figure without a step: arms at the sides, or one hand at an ear.
 
-    stout: see `Figure`."""
+    stout: breadth of trunk and limbs relative to an average adult."""
     figure = Figure(stout=stout)
-    return hold(figure, *AT_AN_EAR) if rng.random() < PHONING_SHARE else figure
+    return phone(figure) if rng.random() < PHONING_SHARE else figure
 
 
 def _draw_walking(rng: Rng, stout: float | None = None, lean: float | None = None) -> Figure:
@@ -161,7 +161,7 @@ def _draw_wheelchair(rng: Rng) -> Mesh:
     right_wheels = [flip_sides(wheel) for wheel in wheels]
     parts = [person(figure, height), *wheels, *right_wheels, *chair]
     if rng.random() < 0.3:
-        pushing_figure = hold(_draw_walking(rng), *PUSHING)
+        pushing_figure = push(_draw_walking(rng))
         pushing_person = person(pushing_figure, float(rng.uniform(1.55, 1.85)))
         parts.append(place(pushing_person, x=-0.75))
     return merge(parts)

@@ -69,7 +69,7 @@ def draw_truck(rng: Rng) -> DrawnMesh:
     )
     load_kind, load = _draw_superstructure(space, rng)
     chassis = _draw_chassis(length, width, floor, rng)
-    return DrawnMesh(f"{load_kind}_truck", merge([cab, load, *chassis]), mirrors)
+    return DrawnMesh(f"{load_kind}_truck", merge([cab, load, *chassis]), outside=mirrors)
 
 
 def draw_semi_trailer(rng: Rng) -> DrawnMesh:
@@ -96,7 +96,9 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
         [*tractor_axles, *trailer_axles], width=width - 0.04, radius=wheel_radius, sides=12
     )
     frame = plank((length - 1.2, 0.9, 0.3), x=-0.3, y=0.0, z=floor - 0.3)
-    return DrawnMesh(f"articulated_{load_kind}", merge([cab, load, frame, *wheels]), mirrors)
+    return DrawnMesh(
+        f"articulated_{load_kind}", merge([cab, load, frame, *wheels]), outside=mirrors
+    )
 
 
 def _draw_cab(

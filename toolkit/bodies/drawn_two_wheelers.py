@@ -67,7 +67,7 @@ def draw_bicycle(rng: Rng) -> DrawnMesh:
     )
     upright = 0.98 - 0.26 * sporty
     stout = float(rider_rng.uniform(0.85, 1.2))
-    parts.append(rider(height, 0.95 * scale, grip, upright=upright, stout=stout))
+    parts.append(rider(height, saddle=0.95 * scale, grip=grip, upright=upright, stout=stout))
     return DrawnMesh(kind, merge(parts))
 
 
@@ -117,7 +117,7 @@ def draw_motorcycle(rng: Rng) -> DrawnMesh:
     grip: Vector = ((0.52 + 0.04 * bent) * scale, 0.3 - 0.06 * bent, (1.0 - 0.07 * bent) * scale)
     upright = 0.92 - 0.24 * bent
     foot_rest = (-0.05, 0.36 + 0.06 * bent)  # x and z (m)
-    driver = rider(height, 0.85 * scale, grip, upright=upright, foot_rest=foot_rest)
+    driver = rider(height, saddle=0.85 * scale, grip=grip, upright=upright, foot_rest=foot_rest)
     passenger = _draw_passenger(driver, 0.4 * scale, rider_rng)
     return DrawnMesh("motorcycle", merge([bike, driver, *passenger]))
 

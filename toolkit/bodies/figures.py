@@ -8,15 +8,12 @@ from toolkit.mesh import Mesh, Vector, ellipsoid, loft, merge, scale_mesh, tube
 
 Pair = tuple[Vector, Vector]  # left and right
 
-# elbows and hands of people, in the units of a `Figure`
-PUSHING: tuple[Pair, Pair] = (
-    ((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
-    ((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
-)
-AT_AN_EAR: tuple[Pair, Pair] = (
-    ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)),
-    ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80)),
-)
+
+# elbows and hands of people who push something, or hold one hand at an ear; units of a `Figure`
+PUSHING_ELBOWS: Pair = ((0.02, 0.14, 0.65), (0.02, -0.14, 0.65))
+PUSHING_HANDS: Pair = ((0.20, 0.12, 0.58), (0.20, -0.12, 0.58))
+PHONING_ELBOWS: Pair = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68))
+PHONING_HANDS: Pair = ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80))
 # sections of the trunk: place from hip (0) to neck (1), radii along x and y
 _TRUNK_SECTIONS = (
     (0.0, 0.075, 0.098),
@@ -57,6 +54,16 @@ def pair(x: float, y: float, z: float) -> Pair:
 def hold(figure: Figure, elbows: Pair, hands: Pair) -> Figure:
     """Return the figure with other elbows and hands, left and right."""
     return replace(figure, elbows=elbows, hands=hands)
+
+
+def push(figure: Figure) -> Figure:
+    """Return the figure with the arms of a person who pushes something."""
+    return hold(figure, elbows=PUSHING_ELBOWS, hands=PUSHING_HANDS)
+
+
+def phone(figure: Figure) -> Figure:
+    """Return the figure with one hand at an ear."""
+    return hold(figure, elbows=PHONING_ELBOWS, hands=PHONING_HANDS)
 
 
 def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:

@@ -95,9 +95,9 @@ def fleet_named(
     own: all bodies drawn; even: likewise, but with many prams and e-scooters, to learn from;
     catalogue: our 47 bodies and any meshes; meshes: those of the folder, and drawn ones for the
     other classes; both: half drawn, half from the folder, class by class; None: own, but meshes if
-    a folder is given and catalogue if held-out cars are asked for. held_out: see `catalogue`;
-    mirrors: count wing mirrors into ground truth boxes, also of meshes where they are seen to stick
-    out.
+    a folder is given and catalogue if held-out cars are asked for. held_out: take only the five
+    cars of the catalogue that no network was trained on; mirrors: count wing mirrors into ground
+    truth boxes, also of meshes where they are seen to stick out.
 
     Raises ValueError for another name, a folder missing or given in vain, and arguments that
     exclude each other."""

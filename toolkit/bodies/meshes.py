@@ -412,7 +412,8 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
         entry: what the table gives for it.
         mirrors: True to count visible wing mirrors into the box of a vehicle.
 
-    Raises ValueError, naming the file, as `take_meshes`."""
+    Raises ValueError, naming the file, for a mesh that is damaged, implausibly large or small, or
+    of no clear class."""
     mesh = scale_mesh(_read(path), entry.scale or 1.0)
     named_label = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named_label is None else (named_label,)

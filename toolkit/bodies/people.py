@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.bodies.figures import AT_AN_EAR, PUSHING, Figure, hold, person, striding, unit_circle
+from toolkit.bodies.figures import Figure, hold, person, phone, push, striding, unit_circle
 from toolkit.bodies.wheels import make_wheel
 from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, place, scale_mesh, stand, tube
 
@@ -116,11 +116,11 @@ def _list_pedestrians() -> dict[str, _Pedestrian]:
     Each has a figure, a height (m) and, if any, a function of the height that makes the mesh of
     clothes or a burden."""
     # joints are x, y, z in parts of the height, left and right
-    telephoning = hold(Figure(), *AT_AN_EAR)
-    pushing = hold(striding(0.22), *PUSHING)
+    telephoning = phone(Figure())
+    pushing = push(striding(0.22))
     elbows = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68))
     hands = ((0.02, 0.15, 0.48), (0.065, -0.06, 0.74))
-    holding = hold(striding(0.2), elbows, hands)
+    holding = hold(striding(0.2), elbows=elbows, hands=hands)
     return {
         "man_standing": _Pedestrian(Figure(), 1.80),
         "woman_standing_bag": _Pedestrian(replace(Figure(), stout=0.88), 1.66, bag),

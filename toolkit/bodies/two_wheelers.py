@@ -28,31 +28,52 @@ def two_wheelers() -> dict[str, Mesh]:
     # riders: height when standing, height of the saddle, then x, y, z of the left hand (m)
     crate = box((0.42, 0.42, 0.36), centre=(-0.62, 0, 0.95))
     vehicles = {
-        "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
+        "city_bicycle": (
+            bicycle(0.34),
+            rider(height=1.74, saddle=0.93, grip=(0.47, 0.28, 1.04), upright=0.97),
+        ),
         "racing_bicycle": (
             bicycle(0.335),
-            rider(1.80, 0.97, (0.55, 0.20, 0.92), upright=0.72, stout=0.9),
+            rider(height=1.80, saddle=0.97, grip=(0.55, 0.20, 0.92), upright=0.72, stout=0.9),
         ),
         "child_bicycle": (
             scale_mesh(bicycle(0.34), 0.72),
-            rider(1.30, 0.67, (0.33, 0.20, 0.76), upright=0.98),
+            rider(height=1.30, saddle=0.67, grip=(0.33, 0.20, 0.76), upright=0.98),
         ),
         "cargo_bicycle": (
             bicycle(0.33),
             crate,
-            rider(1.70, 0.93, (0.47, 0.27, 1.02), upright=0.95, stout=1.1),
+            rider(height=1.70, saddle=0.93, grip=(0.47, 0.27, 1.02), upright=0.95, stout=1.1),
         ),
         "motorcycle": (
             motorcycle(),
-            rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, foot_rest=(-0.05, 0.36)),
+            rider(
+                height=1.79,
+                saddle=0.84,
+                grip=(0.52, 0.30, 1.0),
+                upright=0.86,
+                foot_rest=(-0.05, 0.36),
+            ),
         ),
         "sport_motorcycle": (
             motorcycle(True),  # with a fairing
-            rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, foot_rest=(-0.05, 0.42)),
+            rider(
+                height=1.76,
+                saddle=0.86,
+                grip=(0.56, 0.24, 0.93),
+                upright=0.68,
+                foot_rest=(-0.05, 0.42),
+            ),
         ),
         "scooter": (
             scooter(),
-            rider(1.68, 0.79, (0.42, 0.27, 0.98), upright=0.97, foot_rest=(0.31, 0.32)),
+            rider(
+                height=1.68,
+                saddle=0.79,
+                grip=(0.42, 0.27, 0.98),
+                upright=0.97,
+                foot_rest=(0.31, 0.32),
+            ),
         ),
     }
     return {name: merge(parts) for name, parts in vehicles.items()}
@@ -143,7 +164,7 @@ def bicycle(radius: float) -> Mesh:
         [(0.45, -0.28, 1.02), (0.40, 0.0, 1.0), (0.45, 0.28, 1.02)], radii=0.015, sides=5
     )
     saddle = ellipsoid((-0.21, 0.0, 0.92), radii=(0.14, 0.08, 0.04), rings=3, sides=6)
-    tyres = [_make_tyre(-0.52, radius, 0.025), _make_tyre(0.52, radius, 0.025)]
+    tyres = [_make_tyre(-0.52, radius, thickness=0.025), _make_tyre(0.52, radius, thickness=0.025)]
     return merge([*tubes, handlebar, saddle, *tyres])
 
 

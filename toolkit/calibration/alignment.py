@@ -137,8 +137,8 @@ def _count_pairs(
     residuals: list[list[np.ndarray]] = [[np.empty(0)] for _ in range(sensors)]
     for pair in pairs:
         is_used = pair.weight > 0
-        pair_counts[pair.one, pair.other] += int(is_used.sum())
-        for sensor in (pair.one, pair.other):
+        pair_counts[pair.first_sensor, pair.second_sensor] += int(is_used.sum())
+        for sensor in (pair.first_sensor, pair.second_sensor):
             residuals[sensor].append(np.abs(pair.residual[is_used]))
     scatter = np.zeros(sensors)
     for sensor, sensor_residuals in enumerate(residuals):
@@ -217,10 +217,10 @@ def _pair_sensors(
     roughness = np.hypot(surface.roughness[rows[near_rows]], target.roughness[target_rows])
     deviation = np.hypot(roughness, registration.MIN_SCALE_M)
     return Pairs(
-        one,
-        other,
-        one_row=resistance(world[near_rows], poses[one][:3, 3], normals),
-        other_row=-resistance(world[near_rows], poses[other][:3, 3], normals),
+        first_sensor=one,
+        second_sensor=other,
+        first_rows=resistance(world[near_rows], poses[one][:3, 3], normals),
+        second_rows=-resistance(world[near_rows], poses[other][:3, 3], normals),
         residual=((world[near_rows] - counterparts) * normals).sum(axis=1),
         deviation=deviation * np.sqrt(registration.CORRELATED_POINTS),
         limit=np.maximum(registration.TUKEY * deviation, min_limit),

@@ -31,19 +31,20 @@ class Pairs:
     """Rows of the linear system, each pulling two sensors together along a direction.
 
     Attributes:
-        one: number of a sensor.
-        other: number of the other sensor.
-        one_row: growth of each residual per unit of the six numbers of `one`'s motion.
-        other_row: the same for the motion of `other`.
-        residual: distance from `other` to `one` along the direction (m), or their turn (rad).
+        first_sensor: its number.
+        second_sensor: its number.
+        first_rows: growth of each residual per unit of the six numbers of the first one's motion.
+        second_rows: the same for the motion of the second one.
+        residual: distance from the second to the first along the direction (m), or their turn
+            (rad).
         deviation: standard deviation of the residual, larger if rows err alike.
         limit: absolute residual from which a row has no weight.
     """
 
-    one: int
-    other: int
-    one_row: Float64[np.ndarray, "n 6"]
-    other_row: Float64[np.ndarray, "n 6"]
+    first_sensor: int
+    second_sensor: int
+    first_rows: Float64[np.ndarray, "n 6"]
+    second_rows: Float64[np.ndarray, "n 6"]
     residual: Float64[np.ndarray, " n"]
     deviation: Float64[np.ndarray, " n"]
     limit: Float64[np.ndarray, " n"]
@@ -51,8 +52,10 @@ class Pairs:
     @property
     def system_rows(self) -> tuple[Float64[np.ndarray, "n 12"], Int64[np.ndarray, "12"]]:
         """Rows (n, 12) of both sensors, and the numbers of the motion that the columns are for."""
-        columns = np.concatenate([6 * self.one + np.arange(6), 6 * self.other + np.arange(6)])
-        return np.concatenate([self.one_row, self.other_row], axis=1), columns
+        columns = np.concatenate(
+            [6 * self.first_sensor + np.arange(6), 6 * self.second_sensor + np.arange(6)]
+        )
+        return np.concatenate([self.first_rows, self.second_rows], axis=1), columns
 
     @cached_property
     def weight(self) -> Float64[np.ndarray, " n"]:

@@ -38,7 +38,7 @@ def fit_banks(
     if not len(rows):
         return slopes
     rows = rows[_mark_between(cells, rows, number, surfaces)]
-    neighbours = links.other[rows]
+    neighbours = links.neighbours[rows]
     offset = cells[neighbours] - cells[rows, None]  # cell, neighbour, axis
     distance = np.hypot(offset[..., 0], offset[..., 1])
     is_near = (number[neighbours] < 0) & (distance < BANK_CELLS_M)

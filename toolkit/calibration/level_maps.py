@@ -43,7 +43,7 @@ def draw_levels(
         number[rows] = k
     above = cells[:, 2] - main.at(cells[:, :2])
     is_rest = number == len(followed)
-    on_main = is_rest & links.flat & (np.abs(above) < ON_GROUND_M)
+    on_main = is_rest & links.is_flat & (np.abs(above) < ON_GROUND_M)
     surfaces = _extend_levels(main, cells, number, on_main, links=links, levels=len(followed))
     is_rest = number == len(followed)  # again, since _extend_levels has changed `number`
     if on_main.sum() >= MIN_SUNKEN_CELLS:
@@ -78,7 +78,7 @@ def _extend_levels(
 
     Returns the map of each level, in order of their numbers."""
     is_rest = number == levels  # cells without a level so far
-    has_links = links.linked.sum(axis=1) >= MIN_LINKS
+    has_links = links.is_linked.sum(axis=1) >= MIN_LINKS
     surfaces = [_draw_surface(main, cells[number == k]) for k in range(levels)]
     for _ in range(EXTENSIONS):
         for k, surface in enumerate(surfaces):

@@ -26,12 +26,12 @@ class GroundLevel:
     Attributes:
         height_m: median height above the main ground, negative below it.
         share: part of all points that are on the surface, 0 to 1.
-        followed: True for ground, which the map of heights follows; False for a surface that may be
-            a roof."""
+        is_ground: True for ground, which the map of heights follows; False for a surface that may
+            be a roof."""
 
     height_m: float
     share: float
-    followed: bool
+    is_ground: bool
 
 
 def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[GroundLevel, ...]]:
@@ -63,7 +63,7 @@ def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[Ground
         if is_ground:
             followed_rows.append(rows)
         if is_ground or height > MIN_DOUBT_M:
-            levels.append(GroundLevel(height, share, followed=is_ground))
+            levels.append(GroundLevel(height, share, is_ground=is_ground))
     if followed_rows:
         main = draw_levels(main, cells, followed_rows, linked_cells)
     return main, tuple(levels)
@@ -72,17 +72,17 @@ def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[Ground
 def describe_levels(levels: tuple[GroundLevel, ...]) -> str | None:
     """Describe the doubtful surfaces in one line, else the further levels of ground.
 
-    Doubtful are surfaces that the map of heights does not follow (`followed`). Returns None if
-    neither kind has `MIN_DOUBT_SHARE` of the points."""
-    for followed in (False, True):  # doubtful surfaces first
-        kind_levels = [level for level in levels if level.followed == followed]
+    Doubtful are surfaces that the map of heights does not follow (`is_ground` is False). Returns
+    None if neither kind has `MIN_DOUBT_SHARE` of the points."""
+    for is_ground in (False, True):  # doubtful surfaces first
+        kind_levels = [level for level in levels if level.is_ground == is_ground]
         share = sum(level.share for level in kind_levels)
         if share >= MIN_DOUBT_SHARE:
             largest_level = max(kind_levels, key=lambda level: level.share)
             height = largest_level.height_m
             side = "above" if height > 0 else "below"
             points = f"{share:.0%} of the points are {abs(height):.1f} m {side} the ground found"
-            if followed:
+            if is_ground:
                 return f"{points}: they are levelled as further ground, such as a raised road"
             return f"{points}: give the road's own --area if they are a road; a roof needs nothing"
     return None

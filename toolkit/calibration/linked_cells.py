@@ -96,15 +96,15 @@ class LinkedCells:
 
     Attributes:
         cells: low points (m) of a grid's squares.
-        other: rows of the k nearest other cells of each cell, nearest first.
-        linked: mask of the neighbours that are near and continue the cell's surface.
-        flat: mask of cells with enough linked neighbours: at least 3, and `FLAT_SHARE` of the near
-            ones."""
+        neighbours: rows of the k nearest other cells of each cell, nearest first.
+        is_linked: mask of the neighbours that are near and continue the cell's surface.
+        is_flat: mask of cells with enough linked neighbours: at least 3, and `FLAT_SHARE` of the
+            near ones."""
 
     cells: Float64[np.ndarray, "n 3"]
-    other: Int64[np.ndarray, "n k"]
-    linked: Bool[np.ndarray, "n k"]
-    flat: Bool[np.ndarray, " n"]
+    neighbours: Int64[np.ndarray, "n k"]
+    is_linked: Bool[np.ndarray, "n k"]
+    is_flat: Bool[np.ndarray, " n"]
 
     @staticmethod
     def from_cells(cells: Float64[np.ndarray, "n 3"]) -> "LinkedCells":
@@ -126,7 +126,7 @@ class LinkedCells:
         link_count = is_linked.sum(axis=1)
         # a flat cell is linked with most of the cells near it, and with three at least
         is_flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
-        return LinkedCells(cells, other=neighbours, linked=is_linked, flat=is_flat)
+        return LinkedCells(cells, neighbours=neighbours, is_linked=is_linked, is_flat=is_flat)
 
     def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
         """Number the linked surfaces off the main ground.
@@ -138,12 +138,12 @@ class LinkedCells:
 
         # 1 above the main ground, -1 below it, 0 on it
         side = np.where(np.abs(above) > EDGE_M, np.sign(above), 0.0)
-        is_member = self.flat & (side != 0)
-        are_members = is_member[:, None] & is_member[self.other]
-        is_same_side = side[self.other] == side[:, None]
-        cell, column = np.nonzero(self.linked & are_members & is_same_side)
+        is_member = self.is_flat & (side != 0)
+        are_members = is_member[:, None] & is_member[self.neighbours]
+        is_same_side = side[self.neighbours] == side[:, None]
+        cell, column = np.nonzero(self.is_linked & are_members & is_same_side)
         # sparse matrix of the links: values, then rows and columns
-        links = (np.ones(len(cell), bool), (cell, self.other[cell, column]))
+        links = (np.ones(len(cell), bool), (cell, self.neighbours[cell, column]))
         _, group = connected_components(coo_array(links, (len(above), len(above))))
         # a group needs enough cells that are clearly off the main ground
         is_core = is_member & (np.abs(above) > OFF_M)

@@ -114,10 +114,10 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
         centre_deviation = np.sqrt(2) * _CENTRE_M
         heading_deviation = np.sqrt(2) * _HEADING_RAD
         pair = Pairs(
-            first,
-            second,
-            one_row=_centre_rows(joined_matches.first, poses[first]),
-            other_row=-_centre_rows(joined_matches.second, poses[second]),
+            first_sensor=first,
+            second_sensor=second,
+            first_rows=_centre_rows(joined_matches.first, poses[first]),
+            second_rows=-_centre_rows(joined_matches.second, poses[second]),
             residual=np.concatenate(
                 [(joined_matches.first - joined_matches.second).T.ravel(), joined_matches.turn]
             ),

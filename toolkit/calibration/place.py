@@ -115,7 +115,7 @@ class Place:
             return np.zeros(2)
         return np.asarray(np.round(np.mean(positions, axis=0)), np.float64)
 
-    def at(self, site: Site | None) -> bool:
+    def uses_site(self, site: Site | None) -> bool:
         """Return True if detection uses the site's ground and area.
 
         site: None if the recording's site is unknown."""
@@ -147,7 +147,7 @@ class Place:
 
         site: known site of the frames, None without one. Ground is found in each frame, or once if
         sensors stand still. If it is not level or not found, the result has a warning."""
-        if site is not None and self.at(site):
+        if site is not None and self.uses_site(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return
         half_x, half_y = self.half

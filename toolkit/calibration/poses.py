@@ -231,7 +231,9 @@ def _find_in_clouds(
             poses[cloud.name] = cloud.world_SE3_sensor
     # the model is unknown from clouds, and only the poses count
     sensors = tuple(Sensor(name, RowLidar(), poses[name]) for name in points_by_name)
-    standing_points = [_StandingPoints(points, None) for points in points_by_name.values()]
+    standing_points = [
+        _StandingPoints(points, deviation=None) for points in points_by_name.values()
+    ]
     return sensors, standing_points
 
 

@@ -52,7 +52,7 @@ class Surface:
         return cKDTree(self.points)
 
     @cached_property
-    def thin(self) -> "Surface":
+    def thinned_surface(self) -> "Surface":
         """Surface for coarse steps, thinned to one point in each cube of 0.4 m."""
         rows = thin_rows(self.points, 0.4)
         return Surface(self.points[rows], self.normals[rows], self.roughness[rows])

@@ -138,7 +138,7 @@ def _find_starts(
         turn_about_z = np.array([0, 0, turn * LEVER_M, 0, 0, 0])
         start = apply_motion(believed, turn_about_z)
         pose, _ = align_levels(
-            points, noise, surface=surface.thin, pose=start, levels=COARSE_LEVELS
+            points, noise, surface=surface.thinned_surface, pose=start, levels=COARSE_LEVELS
         )
         gaps = [np.abs(motion_between(pose, earlier_pose)).max() for earlier_pose in poses]
         if all(gap > _MIN_START_GAP_M for gap in gaps):

@@ -197,7 +197,7 @@ def load_centre_config(path: str | Path) -> CentreConfig:
 
 def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
     """Parse a document; folder: the one from which its relative paths count."""
-    version = document.whole("coview_run", 1, 10**6)
+    version = document.whole("coview_run", low=1, high=10**6)
     if version != CONFIG_VERSION:
         raise ValueError(
             f"coview_run {version} is of another coview: this one reads {CONFIG_VERSION}"
@@ -222,10 +222,10 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
             if "background" in row.value
         },
         place=_parse_place(document),
-        speed=_take_number(replay, "speed", 1.0, (1e-3, _MAX_SPEED)),
-        interval_s=_take_number(replay, "interval_s", None, (0.01, 10.0)),
+        speed=_take_number(replay, "speed", default=1.0, limits=(1e-3, _MAX_SPEED)),
+        interval_s=_take_number(replay, "interval_s", default=None, limits=(0.01, 10.0)),
         output=_parse_output(document, folder),
-        page_port=page.whole("port", 1, 2**16 - 1) if page.value else None,
+        page_port=page.whole("port", low=1, high=2**16 - 1) if page.value else None,
         health_file=folder / health.get("file", str) if "file" in health.value else None,
         health_every_s=_take_number(health, "every_s", HEALTH_EVERY_S, (0.1, _MAX_S)),
     )
@@ -240,7 +240,7 @@ def _parse_input(row: JsonObject, folder: Path) -> InputConfig:
         return InputConfig(
             kind,
             path=folder / row.get("path", str),
-            layout=_take(row, "layout", str, None),
+            layout=_take(row, "layout", str, default=None),
             poses=folder / row.get("poses", str) if has_poses else None,
             errors=_take(row, "errors", str, "paper"),
             site=_find_site(row, folder),
@@ -250,14 +250,16 @@ def _parse_input(row: JsonObject, folder: Path) -> InputConfig:
         return InputConfig(
             kind,
             site=_find_site(row, folder),
-            seconds=_take_number(row, "seconds", 600.0, (1.0, _MAX_S)),
-            seed=row.whole("seed", 0, 2**31) if "seed" in row.value else 0,
+            seconds=_take_number(row, "seconds", default=600.0, limits=(1.0, _MAX_S)),
+            seed=row.whole("seed", low=0, high=2**31) if "seed" in row.value else 0,
         )
     return InputConfig(
         kind,
         name=row.get("name", str),
-        port=row.whole("port", 1, 2**16 - 1) if "port" in row.value else _LIDAR_PORTS[kind],
-        address=_take(row, "address", str, None),
+        port=row.whole("port", low=1, high=2**16 - 1)
+        if "port" in row.value
+        else _LIDAR_PORTS[kind],
+        address=_take(row, "address", str, default=None),
         metadata=folder / row.get("metadata", str) if kind == "ouster" else None,
     )
 
@@ -297,7 +299,9 @@ def _parse_setup(row: JsonObject) -> SensorSetup:
     pose = None
     if "pose" in row.value:
         pose = parse_pose(row.get("pose", list), row.where("pose"))
-    return SensorSetup(pose, _take_number(row, "clock_offset_s", 0.0, (-3600.0, 3600.0)))
+    return SensorSetup(
+        pose, _take_number(row, "clock_offset_s", default=0.0, limits=(-3600.0, 3600.0))
+    )
 
 
 def _parse_place(document: JsonObject) -> Place:
@@ -334,7 +338,7 @@ def _parse_output(document: JsonObject, folder: Path) -> OutputConfig:
         piece_s=_take_number(table, "piece_s", PIECE_S, (0.1, _MAX_S)),
         origin=origin,
         asn1=folder / table.get("asn1", str) if "asn1" in table.value else None,
-        clouds=_take(table, "clouds", bool, False),
+        clouds=_take(table, "clouds", bool, default=False),
     )
 
 
@@ -352,7 +356,7 @@ def _take(row: JsonObject, key: str, kind: type, default: Any) -> Any:
 
 def _take_whole(row: JsonObject, key: str, maximum: int) -> int | None:
     """Return a whole number from 1 to a maximum, None if it is missing."""
-    return row.whole(key, 1, maximum) if key in row.value else None
+    return row.whole(key, low=1, high=maximum) if key in row.value else None
 
 
 def _take_number(row: JsonObject, key: str, default: Any, limits: tuple[float, float]) -> Any:

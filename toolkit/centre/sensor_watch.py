@@ -1,7 +1,7 @@
 """Watch over the sensors of a running centre: who is silent, late, frozen, blind or turned.
 
-A sensor is silent if nothing of it has arrived for a while, and late if what arrives is old. Both
-show without its contents, and end when it is in time again. Contents are read by `SensorMonitor`
+A sensor is silent if it has sent nothing for a while, and late if what arrives is old. Both show
+without its contents, and end when a message arrives in time. Contents are read by `SensorMonitor`
 for sensors with an empty scene, and by `TurnWatch` if one is given."""
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from toolkit.frame import Image, SensorCloud
 from toolkit.sensors.sensor import Sensor
 
 SILENT_AFTER_S = 0.35  # without a message
-LATE_AFTER_S = 0.15  # beyond the time from one measurement to the next
+LATE_AFTER_S = 0.15  # from a measurement, or from when one is due, to its arrival
 _NEVER_S = 1e9  # the monitor itself leaves silence to the watch
 
 
@@ -60,7 +60,9 @@ class _WatchedSensor:
         self._late_after_s = interval_s + LATE_AFTER_S
         self._silent_after_s = max(SILENT_AFTER_S, interval_s + LATE_AFTER_S)
         self._arrival_s = start_s
-        self._newest_s = start_s
+        self._newest_s = start_s  # time of the newest measurement
+        self._delay_s = 0.0  # from the newest measurement to its arrival
+        self._is_overdue = False  # at the last look
         self._content_fault: Fault | None = None
         self._learnt = learnt
         self._monitor: SensorMonitor | None = None
@@ -70,7 +72,9 @@ class _WatchedSensor:
     def hear(self, message: SensorMessage) -> None:
         """Note when a message was measured and arrived."""
         self._arrival_s = max(self._arrival_s, message.arrival_s)
-        self._newest_s = max(self._newest_s, message.time_s)
+        if message.time_s > self._newest_s:
+            self._newest_s = message.time_s
+            self._delay_s = message.arrival_s - message.time_s
 
     def read(self, message: SensorMessage, turn_watch: TurnWatch | None) -> None:
         """Read the contents of a message."""
@@ -84,12 +88,17 @@ class _WatchedSensor:
             self._content_fault = Fault.SHIFTED
 
     def find_fault(self, now_s: float) -> Fault | None:
-        """Return the fault at a time (s), None without one."""
-        if now_s - self._arrival_s > self._silent_after_s:
+        """Return the fault at a time (s), None without one.
+
+        Times do not go back from call to call."""
+        is_silent = now_s - self._arrival_s > self._silent_after_s
+        is_late = now_s - self._newest_s > self._late_after_s
+        # a delayed message ends neither: the next one will be overdue too
+        is_delayed = self._is_overdue and self._delay_s > LATE_AFTER_S
+        self._is_overdue = is_silent or is_late or is_delayed
+        if is_silent:
             return Fault.SILENT
-        if now_s - self._newest_s > self._late_after_s:
-            return Fault.LATE
-        return self._content_fault
+        return Fault.LATE if self._is_overdue else self._content_fault
 
     def _make_image(self, measurement: Image | SensorCloud) -> Image:
         """Return a measurement as an image, a cloud in the grid of its scene."""

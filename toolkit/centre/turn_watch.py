@@ -4,7 +4,7 @@ A sensor that sees far beyond its empty scene shows it in a few messages (`Senso
 is turned by a degree or two may not: ground looks alike from there. So the sensors take turns: the
 surfaces that the last images of one have in common are registered to its empty scene, in another
 process, which takes longer than a frame may. A sensor is turned if the pose found is clearly off
-its believed one, twice in a row."""
+its believed one, twice in a row; checks in which no pose is found do not count."""
 
 import multiprocessing
 import os
@@ -118,7 +118,8 @@ class TurnWatch:
             name: deque(maxlen=KEPT_IMAGES) for name in scenes
         }
         self._image_times_s = dict.fromkeys(scenes, -np.inf)
-        self._turned_checks = dict.fromkeys(scenes, 0)
+        self._turned_checks = dict.fromkeys(scenes, 0)  # in a row
+        self._unconfirmed: set[str] = set()  # names: seemed turned in the last check, not yet sure
         self._waiting = deque(scenes)  # names of the sensors, the next to be checked first
         self._job: Future[float | None] | None = None
         self._job_name = ""
@@ -139,29 +140,37 @@ class TurnWatch:
         return name in self.turned
 
     def _finish_job(self) -> None:
-        """Take the result of a registration that is done: whether its sensor is turned."""
+        """Take the result of a registration that is done: whether its sensor is turned.
+
+        A registration that failed says nothing of its sensor, so nothing found before is lost."""
         if self._job is None or not self._job.done():
             return
         name = self._job_name
         turn = self._job.result()
         self._job = None
-        is_turned = turn is not None and turn >= MIN_TURN_RAD
+        self._unconfirmed.discard(name)
+        if turn is None:
+            return
+        is_turned = turn >= MIN_TURN_RAD
         self._turned_checks[name] = self._turned_checks[name] + 1 if is_turned else 0
         if self._turned_checks[name] >= MIN_TURNED_CHECKS:
             self.turned.add(name)
-        elif not is_turned:
+        elif is_turned:
+            self._unconfirmed.add(name)
+        else:
             self.turned.discard(name)
 
     def _start_job(self, time_s: float) -> None:
         """Register the sensor whose turn it is, if no job is running and one is due.
 
-        Sensors that seemed turned once go first, as soon as they have enough new images."""
+        Sensors that seemed turned in their last check go first, as soon as they have enough new
+        images."""
         if self._job is not None or time_s < self._next_job_s:
             return
         ready = [name for name in self._waiting if len(self._images[name]) == KEPT_IMAGES]
         if not ready:
             return
-        name = max(ready, key=self._seems_turned)  # the first of equal ones
+        name = next((name for name in ready if name in self._unconfirmed), ready[0])
         self._waiting.remove(name)
         self._waiting.append(name)
         images = list(self._images[name])
@@ -169,10 +178,6 @@ class TurnWatch:
         self._next_job_s = time_s + self._job_every_s
         self._job_name = name
         self._job = self._finder.submit(self._scenes[name], self._poses[name], images)
-
-    def _seems_turned(self, name: str) -> bool:
-        """Return True if a sensor was found turned once, which another check must confirm."""
-        return 0 < self._turned_checks[name] < MIN_TURNED_CHECKS
 
 
 class TurnProcess:

@@ -175,6 +175,7 @@ def _find_common_places(user: Trajectory, partner: Trajectory, max_pet: float) -
 
 def _mask_near(trajectory: Trajectory, partner: Trajectory) -> Bool[np.ndarray, " n"]:
     """Mask of the rows of a trajectory at which it moves where its partner may be at any time."""
+    # half the diagonals of both footprints, and half a metre (m)
     margin = (np.hypot(*trajectory.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
     points = trajectory.boxes[:, :2]
     low = partner.boxes[:, :2].min(axis=0) - margin

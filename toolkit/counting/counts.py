@@ -298,7 +298,7 @@ def _list_spans(trips: Sequence[Trip]) -> Float64[np.ndarray, "n 2"]:
 
 
 def _order_of_movement(key: MovementKey) -> tuple[int, str, str]:
-    """Key that sorts movements by class, as in `LABELS`, then by entry and exit."""
+    """Key that sorts movements by class, in the order of `LABELS`, then by entry and exit."""
     return LABELS.index(key.label), key.entry, key.exit
 
 

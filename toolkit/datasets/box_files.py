@@ -70,7 +70,7 @@ def boxes_record(
 def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:
     """Write a file of frame entries, whole or not at all.
 
-    entries: JSON text of each frame, as `boxes_record` returns it; more: further fields of the
+    entries: JSON text of each frame (`boxes_record`); more: further fields of the
     file."""
     # the entries are JSON already, so their text is put between "[" and "]" of an empty list
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}

@@ -36,9 +36,9 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
     """Read clouds from files and fuse them in the common frame of their poses, as float64.
 
     Sensor k recorded paths[k] at the pose poses[k]. Normals turn with their pose. Attributes that
-    all files have stay; a warning names the others, see `fuse`. Points that are not finite, or at
-    0 0 0, are left out. Raises FileNotFoundError, and ValueError for a file without points or an
-    invalid pose."""
+    all files have with equal widths stay; a warning names the others. Points that are not finite,
+    or at 0 0 0, are left out. Raises FileNotFoundError, and ValueError for a file without points or
+    an invalid pose."""
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):

@@ -158,7 +158,7 @@ def list_rows(objects: Objects, names: Mapping[str, str]) -> list[tuple[list[flo
 
 def no_labels() -> FrameLabels:
     """Return the labels of a frame that has no objects."""
-    return make_labels(np.zeros((0, 7)), [], None, {})
+    return make_labels(np.zeros((0, 7)), categories=[], ids=None, problems={})
 
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:

@@ -162,7 +162,7 @@ def _header_in_comments(text: str, width: int) -> list[str]:
     comments = _first_comments(text)
     names = _split_header(comments[-1]) if comments else []
     try:
-        find_axes(names)
+        find_axes(names)  # raises without x, y and z
     except ValueError:
         return []
     return names if len(names) == width else []

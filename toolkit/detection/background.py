@@ -195,11 +195,11 @@ class KnownBackground:
         return self._drop_background(detections, points, self._find_foreground(points))
 
     def unions(
-        self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "unions clouds"]
     ) -> list[Detections]:
         """Detect in several unions of the same clouds, each cloud compared with the site once.
 
-        clouds: points (m) of each of C sensors; unions: mask (U, C) of the clouds in each union.
+        clouds: points (m) of each sensor; unions: mask of the clouds in each union.
         Returns the detections in each union, background left out."""
         # candidates are road users, and parts of the background by mistake
         if isinstance(self._candidate_detector, UnionDetector):

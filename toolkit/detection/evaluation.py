@@ -76,7 +76,7 @@ def evaluate_recording(
     schemes = name_schemes(comparison.schemes)
     check_labels(recording, frame_total)
     measured = ReadRecording(recording, reads)
-    at_site = place.at(site)  # True if detection uses the site's ground and area
+    at_site = place.uses_site(site)  # True if detection uses the site's ground and area
     first_frame = measured[0]
     if scenes is None:
         scenes = Scenes(measured if at_site else Part(measured, frame_total))
@@ -155,7 +155,7 @@ def _score_frames(
     # called with the number of frames done, None for nothing
     progress = run.stage("frame", frame_total)
     results = list[FrameResult]()
-    if run.alone or any(isinstance(scheme, Chained) for scheme in job.schemes.values()):
+    if run.has_one_process or any(isinstance(scheme, Chained) for scheme in job.schemes.values()):
         frames = chain([first_frame], (job.recording[k] for k in range(1, frame_total)))
         for result in job.score(frames, range(frame_total)):
             results.append(result)

@@ -279,11 +279,12 @@ def matches(
     counted: ArrayLike | None = None,
     outside: ArrayLike | None = None,
 ) -> Iterator[Match]:
-    """Match detections and truths of one frame as `evaluate` does, at several IoU thresholds.
+    """Match the detections of a class with the truths of one frame, at several IoU thresholds.
 
     counted: mask (m,) of the truths that are scored, None for all; outside: mask (n,) of detections
     outside the scored area, None for no such detections. Yields a match for each threshold, in the
-    order given. Raises ValueError as `evaluate`."""
+    order given. Raises ValueError for degenerate boxes, NaN scores, or thresholds outside (0,
+    1]."""
     thresholds = _check(iou_thresholds, metric, protocol)
     overlaps = _measure_overlaps(
         detections,

@@ -25,10 +25,10 @@ class Early(DetectsOnce):
         """Detect in the points of the sensors (indices, ascending), joined at the centre."""
         return view.fuse_points(view.share_points(sensors))
 
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "candidates frames"]:
         """Return the number of points in the crop: all are sent.
 
-        counts: numbers of points of C candidates in F frames."""
+        counts: numbers of points of candidates in frames."""
         return counts.sent
 
 
@@ -47,11 +47,13 @@ class Late(Parameters):
         bits = np.array([message.bits for message in sent_boxes], np.int64)
         return Fused(boxes.detections, bits=bits, ms=boxes.ms)
 
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "candidates frames"]:
         """Return zeros: no points are sent."""
         return np.zeros_like(counts.sent)
 
-    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+    def mask_pooled(
+        self, distance: Float32[np.ndarray, "candidates objects"], radius: float, /
+    ) -> None:
         """Return None: no points are sent."""
 
 
@@ -92,10 +94,10 @@ class Hybrid(Parameters):
         box_bits = np.array([message.bits for message in box_messages], np.int64)
         return Fused(boxes.detections, bits=box_bits + point_bits, ms=boxes.ms)
 
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "candidates frames"]:
         """Return the number of points beyond the site's hybrid radius.
 
-        counts: numbers of points of C candidates in F frames. Raises ValueError if the scheme has
+        counts: numbers of points of candidates in frames. Raises ValueError if the scheme has
         another radius or metric, for which nothing was counted."""
         if self.radius is not None or self.metric != "horizontal":
             remedy = "use Hybrid() at dataclasses.replace(site, hybrid_radius=...)"
@@ -105,11 +107,11 @@ class Hybrid(Parameters):
         return counts.far
 
     def mask_pooled(
-        self, distance: Float32[np.ndarray, "C O"], radius: float, /
-    ) -> Bool[np.ndarray, "C O"]:
+        self, distance: Float32[np.ndarray, "candidates objects"], radius: float, /
+    ) -> Bool[np.ndarray, "candidates objects"]:
         """Mark objects whose points reach the centre, as they are beyond the radius.
 
-        distance: distance (m) of O objects from C candidates; radius: the site's (m), used if the
+        distance: distance (m) of objects from candidates; radius: the site's (m), used if the
         scheme has no other."""
         return distance > (radius if self.radius is None else self.radius)
 

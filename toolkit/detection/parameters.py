@@ -6,5 +6,5 @@ class Parameters:
 
     @property
     def digest(self) -> str:
-        """Name of the class and its parameters, as in `repr`: the key of cached results."""
+        """Name of the class and its parameters (`repr`), which is the key of cached results."""
         return repr(self)

@@ -46,7 +46,8 @@ def settings_origin(codec: Codec, **settings: object) -> dict[str, object]:
 def with_file_digest(origin: Mapping[str, object]) -> dict[str, object]:
     """Return an origin with the SHA-256 of the recording's file, None without a file.
 
-    origin: has the file as `dataset_path`, see `dataset_origin`; it is not changed."""
+    origin: describes a recording, with the path of its file as `dataset_path`; it is not
+    changed."""
     path = origin.get("dataset_path")
     digest = None
     if isinstance(path, str) and path and Path(path).is_file():

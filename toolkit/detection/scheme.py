@@ -18,18 +18,18 @@ from toolkit.detection.view import Fused as Fused, View
 
 @runtime_checkable
 class Counts(Protocol):
-    """Numbers of points of C candidate sensors in F frames."""
+    """Numbers of points of candidate sensors in some frames."""
 
     @property
-    def sent(self) -> Float32[np.ndarray, "C F"]:
+    def sent(self) -> Float32[np.ndarray, "candidates frames"]:
         """Points in the crop."""
 
     @property
-    def on_objects(self) -> Float32[np.ndarray, "C F"]:
+    def on_objects(self) -> Float32[np.ndarray, "candidates frames"]:
         """Points on objects that count, as measured without noise."""
 
     @property
-    def far(self) -> Float32[np.ndarray, "C F"]:
+    def far(self) -> Float32[np.ndarray, "candidates frames"]:
         """Points beyond the site's hybrid radius."""
 
 
@@ -59,15 +59,15 @@ class Scheme(Protocol):
         view: the frame as its sensors saw it; sensors: indices in the view, ascending. Returns
         fused boxes, and bits of the sensors in this order."""
 
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Number of points that each of C candidates sends in each of F frames."""
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "candidates frames"]:
+        """Number of points that each candidate sends in each frame."""
 
     def mask_pooled(
-        self, distance: Float32[np.ndarray, "C O"], radius: float, /
-    ) -> Bool[np.ndarray, "C O"] | None:
+        self, distance: Float32[np.ndarray, "candidates objects"], radius: float, /
+    ) -> Bool[np.ndarray, "candidates objects"] | None:
         """Mark objects whose points reach the centre in addition to boxes.
 
-        distance: distance (m) of O objects from C candidates; radius: the site's hybrid radius (m).
+        distance: distance (m) of objects from candidates; radius: the site's hybrid radius (m).
         Returns None if the centre gets only points or only boxes."""
 
 
@@ -91,7 +91,9 @@ class DetectsOnce(Parameters):
     sends_points: ClassVar[bool] = True
     sends_boxes: ClassVar[bool] = False
 
-    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+    def mask_pooled(
+        self, distance: Float32[np.ndarray, "candidates objects"], radius: float, /
+    ) -> None:
         """Return None: no boxes are sent."""
 
 
@@ -106,9 +108,9 @@ def surrogate_name(scheme: Scheme) -> str:
 
 
 def estimate_bits(
-    scheme: Scheme, codec: Codec, counts: Counts, box_counts: Float64[np.ndarray, " C"]
-) -> Float64[np.ndarray, " C"]:
-    """Expected bits that each of C candidates sends in all frames, whole numbers.
+    scheme: Scheme, codec: Codec, counts: Counts, box_counts: Float64[np.ndarray, " candidates"]
+) -> Float64[np.ndarray, " candidates"]:
+    """Expected bits that each candidate sends in all frames, whole numbers.
 
     codec: codec of the messages, unless the scheme brings another; counts: numbers of points of
     each candidate in each frame; box_counts: number of detections of each candidate in all

@@ -38,7 +38,7 @@ class Survey:
         by_class: number of points of each sensor on each object, by name of the counted class.
         points_per_cloud: number of points of each sensor, by name; mean over the frames that have
             the sensor.
-        agreeing: number of labelled cuboids that hold as many points as the data set states, and
+        agreement: number of labelled cuboids that hold as many points as the data set states, and
             number of cuboids for which it states a number; None if it states none.
         problems: labels and points left out in reading, by kind.
     """
@@ -50,7 +50,7 @@ class Survey:
     provenance: dict[str, object] = field(default_factory=dict)
     by_class: dict[str, Int64[np.ndarray, "_ sensors"]] = field(default_factory=dict)
     points_per_cloud: dict[str, float] = field(default_factory=dict)
-    agreeing: tuple[int, int] | None = None
+    agreement: tuple[int, int] | None = None
     problems: dict[str, int] = field(default_factory=dict)
 
     def points_on_vehicles(self, sensors: Sequence[int]) -> Int64[np.ndarray, " vehicles"]:
@@ -107,7 +107,7 @@ class Survey:
             "vehicles": len(self.counts),
             "unseen": {name: self.unseen(sensors) for name, sensors in sensors_by_name.items()},
             "classes": classes,
-            "counts_that_agree": self.agreeing and list(self.agreeing),
+            "counts_that_agree": self.agreement and list(self.agreement),
             "problems": self.problems,
             "provenance": with_file_digest(self.provenance),
         }
@@ -134,8 +134,8 @@ class Survey:
                     f"{set_figures['median_points']:g} points"
                 )
                 lines.append(f"{label} from {sensors}: {unseen_text}, {points}")
-        if self.agreeing is not None:
-            agree, compared_count = self.agreeing
+        if self.agreement is not None:
+            agree, compared_count = self.agreement
             lines.append(
                 f"{agree} of {compared_count} labelled cuboids hold as many points as the set says"
             )
@@ -202,7 +202,7 @@ def survey(
         provenance=dataset_origin(recording) | settings_origin(codec, **settings),
         by_class={LABELS[label]: points_on[labels == label] for label in class_numbers},
         points_per_cloud=points_per_cloud,
-        agreeing=(agree_count, compared_count) if compared_count else None,
+        agreement=(agree_count, compared_count) if compared_count else None,
         problems=dict(problems),
     )
 

@@ -65,7 +65,7 @@ def read_truth(
     for k in range(count):
         frame = recording[k]
         stand = Stand(area, place.find_middle(frame))
-        if site is not None and place.at(site):  # the site's area is used
+        if site is not None and place.uses_site(site):  # the site's area is used
             stand = Stand(site, np.zeros(2))
         corners = stand.corners
         if needs_points:

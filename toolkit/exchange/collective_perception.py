@@ -114,13 +114,14 @@ def open_cpm_encoder(asn1: Path, station: RoadsideStation) -> CpmEncoder:
             segment=(1, MAX_SEGMENTS),
         )
         with name_errors(asn1):
+            # raises if the modules do not fit
             CpmEncoder(specification, station, checks_ranges=True).encode(content)
     return CpmEncoder(specification, station)
 
 
 def check_cpm_modules(asn1: Path) -> None:
     """Raise the errors of `open_cpm_encoder`. asn1: folder of the ASN.1 modules."""
-    open_cpm_encoder(asn1, RoadsideStation(STATION_NUMBER, 0, 0))
+    open_cpm_encoder(asn1, RoadsideStation(number=STATION_NUMBER, latitude=0, longitude=0))
 
 
 def make_station(origin: GeoOrigin) -> RoadsideStation:
@@ -128,7 +129,9 @@ def make_station(origin: GeoOrigin) -> RoadsideStation:
     longitude = encode_degrees(origin.longitude_deg)
     if longitude == encode_degrees(-180.0):  # which must not be used
         longitude = encode_degrees(180.0)
-    return RoadsideStation(STATION_NUMBER, encode_degrees(origin.latitude_deg), longitude)
+    return RoadsideStation(
+        number=STATION_NUMBER, latitude=encode_degrees(origin.latitude_deg), longitude=longitude
+    )
 
 
 def keep_surest(instant: Instant, count: int) -> Instant:

@@ -73,7 +73,9 @@ class CpmEncoder:
     def __init__(
         self, specification: Any, station: RoadsideStation, *, checks_ranges: bool = False
     ) -> None:
-        """Encode the container that never changes. Raises ValueError as `encode`."""
+        """Encode the container that never changes.
+
+        Raises ValueError for values that the modules refuse."""
         self._specification = specification
         self._station = station
         self._checks_ranges = checks_ranges
@@ -82,7 +84,8 @@ class CpmEncoder:
     def encode_segments(self, content: CpmContent) -> list[bytes]:
         """Return the messages of an instant, each of at most `MAX_CPM_BYTES`.
 
-        Raises ValueError as `encode`, and for road users that do not fit `MAX_SEGMENTS`."""
+        Raises ValueError for values that the modules refuse, and for road users that do not fit
+        `MAX_SEGMENTS`."""
         least_count = max(1, -(-len(content.objects) // _MAX_MESSAGE_OBJECTS))
         for count in range(least_count, MAX_SEGMENTS + 1):
             segments = content.split(count) if count > 1 else [content]

@@ -54,7 +54,7 @@ def wrap_message(message: bytes, port: int, station: RoadsideStation, its_ms: in
         message: Message of at most `PACKET_BYTES` - `BTP_HEADER_BYTES`.
         port: Its port of BTP.
         station: Sender.
-        its_ms: Time of the sender's position, as `count_its_ms` returns it.
+        its_ms: Time of the sender's position (ms since 2004-01-01 UTC, with leap seconds).
     """
     payload = _BTP_B.pack(port, 0) + message
     common_header = _COMMON.pack(

@@ -18,7 +18,7 @@ def count_its_ms(time_s: float) -> int:
 
     Leap seconds count: 2017 and later are 5 s ahead of UTC. A time before 2004 is of a clock that
     begins with its recording, such as a simulation's; it is counted from 2004. Raises ValueError
-    as `nanoseconds`.
+    for a time before 1970 or after 2262.
 
     >>> count_its_ms(1_167_609_600)  # 2007, the example of the standard
     94694401000

@@ -111,7 +111,8 @@ def open_writers(
     """Give the block a function that writes an instant in several formats.
 
     The files are complete at the end; values that a format cannot hold become warnings. files: file
-    of each standard by its name; origin, asn1: as in `open_writer`, whose errors are raised."""
+    of each standard by its name; origin: place on earth of the world frame, for formats that need
+    it; asn1: folder of the ASN.1 modules for cpm. Raises the errors of `open_writer`."""
     with ExitStack() as stack:
         writers: dict[str, OrderedWriter] = {}
         for name, path in files.items():

@@ -167,7 +167,7 @@ def svg_text(figure: "Figure", title: str = "") -> str:
     text = re.sub(r'(url\(#|href="#)', rf"\g<1>{prefix}-", text)
     if title:
         tag, rest = text.split(">", 1)  # the opening tag <svg ...> comes first
-        title_text = escape(plain(title), quote=False)
+        title_text = escape(replace_unprintable(title), quote=False)
         text = f'{tag} role="img">\n <title>{title_text}</title>{rest}'
     return text
 
@@ -179,7 +179,7 @@ def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
     figure.text(
         0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center"
     )
-    figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
+    figure.text(0.015, 1 - 0.47 / height, replace_unprintable(subtitle), fontsize=8.5, va="center")
 
 
 def draw_interval(axes: "Axes", x: float, low: float, high: float) -> None:
@@ -197,7 +197,7 @@ def pad_limits(values: Sequence[float]) -> tuple[float, float]:
     return 0.0, 1.1 * float(greatest)
 
 
-def plain(text: str) -> str:
+def replace_unprintable(text: str) -> str:
     """Replace unprintable characters by spaces."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
@@ -206,7 +206,7 @@ def shorten(text: str, max_letters: int) -> str:
     """Shorten a text to at most `max_letters` letters, with "…" in its middle.
 
     Unprintable characters become spaces."""
-    printable = plain(text)
+    printable = replace_unprintable(text)
     if len(printable) <= max_letters:
         return printable
     head_letters = max_letters // 2

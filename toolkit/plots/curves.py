@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float, Int
-from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
+from toolkit.plots.canvas import (
+    add_legend,
+    blank_figure,
+    house_style,
+    replace_unprintable,
+    shorten,
+    write_figure,
+)
 from toolkit.plots.line_style import PlotStyle
 from toolkit.plots.palette import LINES
 
@@ -121,7 +128,7 @@ def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
     curves: number of curves; each has a row in the legend."""
     figure = blank_figure(6.0, 4.2 + LEGEND_ROW_INCHES * curves, constrained=True)
     axes = figure.subplots()
-    axes.set_title(plain(title), loc="left", fontweight="bold")
+    axes.set_title(replace_unprintable(title), loc="left", fontweight="bold")
     axes.grid()
     return figure, axes
 

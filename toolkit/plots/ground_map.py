@@ -8,7 +8,7 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.plots import palette
-from toolkit.plots.canvas import plain, shorten
+from toolkit.plots.canvas import replace_unprintable, shorten
 from toolkit.plots.line_style import Entry, PlotStyle
 from toolkit.plots.palette import GROUND, INK, PAPER_WHITE, SOLID
 from toolkit.sites.site import Site, Solid
@@ -73,7 +73,7 @@ def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
             "zorder": 4.5,
         }
         rotation = float(np.rad2deg(street.angle))
-        name = plain(shorten(street.name, LONGEST_STREET_NAME))
+        name = replace_unprintable(shorten(street.name, LONGEST_STREET_NAME))
         axes.text(
             street.x,
             street.y,

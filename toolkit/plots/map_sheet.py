@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float, Float64
-from toolkit.plots.canvas import add_legend, blank_figure, plain
+from toolkit.plots.canvas import add_legend, blank_figure, replace_unprintable
 from toolkit.plots.ground_map import draw_ground, draw_streets
 from toolkit.plots.line_style import Entry, PlotStyle
 from toolkit.plots.north_arrow import draw_north, north
@@ -80,9 +80,9 @@ def map_sheet(
     draw_area(axes, site.area)
     left = LEFT / full_width
     heading: PlotStyle = {"fontsize": 12, "fontweight": "bold", "va": "center"}
-    figure.text(left, 1 - 0.26 / total, plain(title), **heading)
-    figure.text(left, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
-    below = add_part(LEFT, 0.05, inner_width, strip - AXIS - 0.05)
+    figure.text(left, 1 - 0.26 / total, replace_unprintable(title), **heading)
+    figure.text(left, 1 - 0.48 / total, replace_unprintable(subtitle), fontsize=9, va="center")
+    below = add_part(LEFT, bottom=0.05, width=inner_width, height=strip - AXIS - 0.05)
     below.set_axis_off()
     below.set(xlim=(0, inner_width), ylim=(-(strip - AXIS - 0.05), 0))
     _draw_scale(below, scale_length(min(1.6, width) / scale), scale)
@@ -128,7 +128,9 @@ def _draw_legend(axes: "Axes", legend: Sequence[Entry], columns: int) -> None:
         "handlelength": 2.8,
     }
     handles, labels = zip(*legend, strict=True)
-    add_legend(axes, handles, [plain(label) for label in labels], ncols=columns, **style)
+    add_legend(
+        axes, handles, [replace_unprintable(label) for label in labels], ncols=columns, **style
+    )
 
 
 def draw_area(axes: "Axes", area: Float64[np.ndarray, "4"]) -> None:

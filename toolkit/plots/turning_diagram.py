@@ -11,7 +11,13 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.counting.counts import GROUPS, MovementCount
-from toolkit.plots.canvas import blank_figure, house_style, plain, shorten, write_figure
+from toolkit.plots.canvas import (
+    blank_figure,
+    house_style,
+    replace_unprintable,
+    shorten,
+    write_figure,
+)
 from toolkit.plots.line_style import PlotStyle
 from toolkit.plots.palette import FAINT, INK, SENSORS
 
@@ -67,7 +73,9 @@ def draw_turning_diagram(
         figure = blank_figure(width, height)
         heading: PlotStyle = {"fontsize": 12, "fontweight": "bold", "va": "center"}
         figure.text(0.2 / width, 1 - 0.24 / height, shorten(title, 88), **heading)
-        figure.text(0.2 / width, 1 - 0.5 / height, plain(subtitle), fontsize=9, va="center")
+        figure.text(
+            0.2 / width, 1 - 0.5 / height, replace_unprintable(subtitle), fontsize=9, va="center"
+        )
         for number, (name, counts) in enumerate(panels.items()):
             bounds = (
                 PANEL_INCHES * number / width,

@@ -40,7 +40,7 @@ OUTSIDE = 1
 WITHIN = 2
 BEYOND = 3
 
-Eyes = Float64[np.ndarray, "V 3"]  # viewpoints x, y, z (m, world frame)
+Eyes = Float64[np.ndarray, "viewpoints 3"]  # viewpoints x, y, z (m, world frame)
 # kind of view of each ray, 0 if it misses its object; arguments: row of the ray's sector, azimuth
 # and elevation (rad)
 Shows = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -114,7 +114,8 @@ def cast_strips(
     Args:
         renderer: gives the static scene, which hides objects.
         moment: objects, which also hide each other.
-        windows: sectors to cast, as from `find_sectors`; strips follow their order."""
+        windows: sectors to cast, each seen from a viewpoint and towards an object; strips follow
+            their order."""
     columns = _columns(moment.ground, viewpoints, windows)
     item = windows.item.astype(np.int32)
     start = viewpoints[windows.viewpoint].astype(np.float32)
@@ -338,7 +339,7 @@ class _Last(NamedTuple):
     """Frame before: its objects, what may hide them, and its strips."""
 
     objects: list[tuple[Body, bytes, bool]]  # body, bytes of its box, True if looked at finely
-    hiders: Bool[np.ndarray, "V n n"]  # as from `may_hide`
+    hiders: Bool[np.ndarray, "viewpoints n n"]  # as from `may_hide`
     strips: Strips
 
 
@@ -407,7 +408,9 @@ class SuccessiveStrips:
         return strips
 
 
-def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
+def may_hide(
+    ground: Footprints, viewpoints: Eyes, sectors: Sectors
+) -> Bool[np.ndarray, "viewpoints n n"]:
     """Mask (viewpoint, object, other): True if the other may hide the object from there.
 
     It is generous: footprints count as circles. sectors: all pairs of viewpoint and object, in

@@ -85,7 +85,7 @@ class Cache:
                 values |= dict(database.execute(query, chunk))
             return values
 
-        # without a usable file nothing is known
+        # without a usable file nothing is known; values signed with another secret count as damaged
         values = self._safely(select, dict[bytes, bytes]())
         return [
             decode_arrays(key + self._secret, values[key]) if key in values else None
@@ -113,11 +113,11 @@ class Cache:
                 database.execute("BEGIN IMMEDIATE")
                 database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting_rows)
 
-        self._safely(insert, None)
+        self._safely(insert, otherwise=None)
 
     def __len__(self) -> int:
         return self._safely(
-            lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), 0
+            lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), otherwise=0
         )
 
     def __getstate__(self) -> dict[str, object]:

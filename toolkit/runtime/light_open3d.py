@@ -21,7 +21,7 @@ class _Viewer(ModuleType):
             raise AttributeError(name)
 
         def call(*args: Any, **kwargs: Any) -> Any:
-            if sys.modules[VIEWER] is self:
+            if sys.modules[VIEWER] is self:  # makes way for the viewer itself
                 del sys.modules[VIEWER]
             return getattr(import_module(VIEWER), name)(*args, **kwargs)
 

@@ -130,8 +130,8 @@ def _work_on_ray(shared: list[Value], x: Value) -> Value:
 def _connect(address: str) -> Value:
     """Return the module `ray`, connected to a cluster until this process ends or changes it.
 
-    address: where the cluster is, as `ray.init` takes it. Raises ImportError without Ray, and
-    ConnectionError if no cluster answers."""
+    address: the cluster for `ray.init`, such as "auto" or "HOST:PORT". Raises ImportError
+    without Ray, and ConnectionError if no cluster answers."""
     global _address
     try:
         ray: Value = import_module("ray")

@@ -122,7 +122,6 @@ class ShardFolder:
     @contextmanager
     def lock(self) -> Iterator[None]:
         """Keep a second run out until the block ends."""
-        self.path.mkdir(parents=True, exist_ok=True)
         lock = self.path / "lock"
         descriptor = take(lock)
         if descriptor is None:
@@ -225,7 +224,7 @@ class _ShardJob(Generic[_Item]):
 
     def __call__(self, block: int) -> tuple[int, bytes | None]:
         """Number of items of a block, and the shard's content if it is not stored here."""
-        self.make = self.make or self.work.start(self.threads)
+        self.make = self.make or self.work.start(self.threads)  # kept for the next block
         items = []
         for item in self.make(block):
             items.append(item)

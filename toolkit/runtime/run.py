@@ -56,7 +56,7 @@ class Processes:
         return (os.cpu_count() or 1) if self.workers is None else self.workers
 
     @property
-    def alone(self) -> bool:
+    def has_one_process(self) -> bool:
         """True if all work is done in this process."""
         return self.ray is None and self.count == 1
 
@@ -67,7 +67,7 @@ class Processes:
         *,
         progress: Callable[[int], None] | None = None,
     ) -> Iterator[_Out]:
-        """Yield `job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` does.
+        """Yield `job(x)` for each input, in order, computed by the processes of the run.
 
         job: a module's function or a callable object that can be pickled; progress: called with the
         number of results. Raises the errors of `job`, WorkLost and ConnectionError."""

@@ -21,6 +21,7 @@ except ImportError:  # not a Unix
 
 UNFINISHED = ".unfinished"  # in the names of files that are, or were, being written
 WRITTEN = ".coview"  # file in folders that are ours to replace
+MAX_ATTEMPTS = 100  # at a file that other processes remove again and again
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
@@ -31,7 +32,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a whole file of UTF-8 text, as `write_bytes`."""
+    """Write a whole file of UTF-8 text. Raises OSError on failure."""
     write_bytes(path, text.encode("utf-8"))
 
 
@@ -57,6 +58,7 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
                 os.fsync(file.fileno())
             unfinished.chmod(_mode(target))
             unfinished.replace(target)
+            unfinished = None  # another writer may take the name from now on
     finally:
         if unfinished is not None:
             with suppress(OSError):
@@ -133,15 +135,15 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
     missing_folders = [path for path in (parent, *parent.parents) if not path.exists()]
     unfinished = descriptor = None
     try:
-        parent.mkdir(parents=True, exist_ok=True)
         unfinished, descriptor = _take_unfinished(
-            parent, "" if inside else f".{target.name[:100]}", None
+            parent, "" if inside else f".{target.name[:100]}", suffix=None
         )
         yield target, unfinished
     finally:
-        if unfinished is not None:
-            shutil.rmtree(unfinished, ignore_errors=True)
-        if descriptor is not None:
+        if unfinished is not None and descriptor is not None:
+            # the block may have renamed it, and another writer may have taken the name
+            if _is_at(descriptor, unfinished):
+                shutil.rmtree(unfinished, ignore_errors=True)
             os.close(descriptor)
         for path in missing_folders:  # made above; they are removed if they stayed empty
             with suppress(OSError):
@@ -179,28 +181,59 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
 
 
 def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | None:
-    """Open a file or folder, made if missing, and lock it until it is closed.
+    """Open a file or folder, made with its parents if missing, and lock it until it is closed.
 
-    Returns None if another process holds it. unlocked: also open it on systems without locks."""
+    Returns the file descriptor that holds the lock, None if another process holds it. unlocked:
+    also open it on systems without locks."""
+    attempts = 0
     while True:
-        if folder:
-            path.mkdir(0o700, exist_ok=True)
-        kind = os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT
-        # systems without fcntl cannot open a folder, so the descriptor is of another file
-        descriptor = os.open(
-            path if fcntl or not folder else os.devnull, kind | getattr(os, "O_NOFOLLOW", 0), 0o600
-        )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        attempts += 1
+        try:
+            descriptor = _open_folder(path) if folder else _open_file(path)
+        except FileNotFoundError:
+            if attempts == MAX_ATTEMPTS:
+                raise  # no file can be made there, such as in /proc
+            continue  # another process removed it, or its parent, in between
         try:
             if fcntl is not None:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if not path.exists() or not os.path.samestat(os.fstat(descriptor), path.stat()):
-                    os.close(descriptor)
-                    continue  # whoever held it removed it in between
         except OSError as error:
             if isinstance(error, BlockingIOError) or not unlocked:
                 os.close(descriptor)
                 return None
-        return descriptor
+            return descriptor
+        if _is_at(descriptor, path):
+            return descriptor
+        os.close(descriptor)  # another process removed this file in between
+
+
+def _open_file(path: Path) -> int:
+    """Open a file, made if missing, and return its descriptor."""
+    return os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+
+
+def _open_folder(path: Path) -> int:
+    """Open a folder, made if missing, and return its descriptor.
+
+    Systems without fcntl cannot open a folder: there the descriptor is of the null device."""
+    with suppress(FileExistsError):
+        path.mkdir(0o700)
+    if fcntl is None:
+        return os.open(os.devnull, os.O_RDONLY)
+    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Return True if a path leads to the very file or folder that a descriptor has open.
+
+    It is always True on systems without fcntl."""
+    if fcntl is None:
+        return True
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 @contextmanager

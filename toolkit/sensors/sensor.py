@@ -88,7 +88,7 @@ class SensorModel(Protocol):
         same."""
 
     def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
-        """Add noise to an image; no return becomes 0. See `with_noise`."""
+        """Add the model's normal noise to an image; pixels without return become 0."""
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points (m, sensor frame) in its field of view and range."""
@@ -99,7 +99,7 @@ class SensorModel(Protocol):
         sensor_corners: corners of each box (m, sensor frame). row: row of the box in it; top to
         bottom and left to right are ranges of image rows and columns, the ends excluded. Rays
         outside a box's rectangles do not meet it. A box may come more than once, as across the
-        seam of a spinning lidar, or not at all. See `clip_windows`."""
+        seam of a spinning lidar, or not at all."""
 
 
 def is_return(

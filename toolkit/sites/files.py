@@ -220,7 +220,7 @@ def _check_collection(collection: JsonValue) -> JsonObject:
 def _read_layers(
     root: JsonObject, matrix: Float64[np.ndarray, "..."]
 ) -> dict[str, list[JsonValue]]:
-    """Values of the features of each layer, as `_read_geometry` returns them.
+    """Values of the features of each layer, by the name of the layer.
 
     matrix: pose of the site in its map. Raises ValueError without exactly one area."""
     layers: dict[str, list[JsonValue]] = {layer: [] for layer in _LAYERS}
@@ -420,7 +420,7 @@ def read_sensor(position: list[float], properties: JsonObject, model: SensorMode
 
     position: x, y, z (m, site frame); properties: the sensor's `name`, and `heading_deg`
     (counter-clockwise from the site's +x), `tilt_deg` (positive below the horizon) and `roll_deg`
-    of its body, as `format_attitude` gives them.
+    of its body.
 
     Raises ValueError that names a member that does not fit."""
     x, y, z = position

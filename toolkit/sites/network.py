@@ -91,7 +91,7 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
 
     Each argument is rows of attributes, named as SUMO's plain XML names them. nodes: id, x, y,
     type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows
-    as `street` makes them; roundabouts: nodes, edges. netconvert guesses where pedestrians cross.
+    from the kerb inwards; roundabouts: nodes, edges. netconvert guesses where pedestrians cross.
 
     Raises ValueError with netconvert's words if it refuses the rows, ImportError without SUMO."""
     node_elements = [format_element("node", row) for row in nodes]

@@ -56,7 +56,7 @@ def estimate_size(
 
     Args:
         sizes: Length, width and height of each detection (m).
-        weights: As from `weigh_sizes`.
+        weights: Weight (1/m²) of each value above, the inverse of its variance.
         label: Class of the body."""
     size = (weights * sizes).sum(axis=0) / weights.sum(axis=0)
     if LONGER_WEIGHTS[label] == 1:
@@ -77,7 +77,7 @@ def doubt_sizes(
     weighted mean surer than the doubts are in the same mean.
 
     Args:
-        weights: Sum of the weights of detections, see `weigh_sizes`.
+        weights: Sum of the weights of detections (1/m²), each the inverse of a variance.
         roots: Sum of their square roots (1/m), each a weight times a doubt."""
     return roots / weights
 
@@ -85,13 +85,14 @@ def doubt_sizes(
 def find_misfit(
     differences: Float64[np.ndarray, "k 3"], weights: Float64[np.ndarray, "k 3"], label: int
 ) -> Float64[np.ndarray, "3"]:
-    """Misfit of the length, width and height of a body, see `find_inflation`.
+    """Misfit of the length, width and height of a body.
 
-    It is the usual one for bodies that are not rigid, and near it for few detections.
+    It is the mean of the squared differences from its size, by their variances as doubted. It is
+    the usual one for bodies that are not rigid, and near it for few detections.
 
     Args:
         differences: Sizes of its detections less its size (m).
-        weights: As from `weigh_sizes`.
+        weights: Weight (1/m²) of each value above, the inverse of its variance.
         label: Class of the body."""
     if not IS_RIGID[label]:
         return np.full(3, USUAL_MISFIT)
@@ -134,7 +135,8 @@ def combine_doubts(
             `doubt_sizes`.
         labels: Class of each body.
         place_error: Expected error (m) of places, which is added to all faces.
-        misfit: As in `find_inflation`."""
+        misfit: Mean of the squared differences of length, width and height from the size of each
+            body, by their variances as doubted."""
     doubts = inflate_doubts(doubts, misfit)
     size_doubts = size_doubts * find_inflation(misfit)
     combined = doubts.copy()

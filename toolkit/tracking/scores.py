@@ -138,8 +138,8 @@ class _Numbers(NamedTuple):
         track_ids: Id of each track, by its number.
         frames: Frames with numbers in place of ids."""
 
-    truth_ids: Int64[np.ndarray, " N"]
-    track_ids: Int64[np.ndarray, " M"]
+    truth_ids: Int64[np.ndarray, " truths"]
+    track_ids: Int64[np.ndarray, " tracks"]
     frames: list[FramePairs]
 
 
@@ -158,8 +158,8 @@ def _number(frames: Sequence[FramePairs]) -> _Numbers:
 
 def _score_hota(
     frames: Sequence[FramePairs],
-    truth_frames: Float64[np.ndarray, " N"],
-    track_frames: Float64[np.ndarray, " M"],
+    truth_frames: Float64[np.ndarray, " truths"],
+    track_frames: Float64[np.ndarray, " tracks"],
 ) -> tuple[Float64[np.ndarray, " a"], Float64[np.ndarray, " a"]]:
     """DetA and AssA (0 to 1) at each of `THRESHOLDS`.
 

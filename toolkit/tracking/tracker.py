@@ -72,10 +72,12 @@ class Tracker:
         self._time: float | None = None
         self._next_id = 0
         nothing = MeasuredRows.from_detections(Detections.empty())
-        self._tracks = start_tracks(nothing, 0.0, 0)
+        self._tracks = start_tracks(nothing, time=0.0, first_id=0)
 
     def update(self, detections: Detections, time: float) -> Tracks:
-        """Return the tracks after the detections of a frame, as in `advance`."""
+        """Return the tracks after the detections (world frame) of a frame.
+
+        time: time of the frame (s), later than the frame before. Raises ValueError for another."""
         self.advance(detections, time)
         return self.at(time)
 

@@ -92,7 +92,7 @@ class Flow:
     def read(path: str | Path) -> "Flow":
         """Read a table (CSV) with the columns kind, entry, exit, per_hour.
 
-        Kinds may have the names of earlier versions, see `KINDS_BY_EARLIER_NAME`.
+        Kinds may have the names of earlier versions, such as walker for pedestrian.
         Raises ValueError, with the line, for another table or a number that is none."""
         path = Path(path)
         lines = read_text(path).splitlines()

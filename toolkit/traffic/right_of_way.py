@@ -81,6 +81,19 @@ class _Plan(NamedTuple):
     aside: Float64[np.ndarray, " steps"]
 
 
+class _Limits(NamedTuple):
+    """Limits of the plan of a window.
+
+    Attributes:
+        gap: distance to keep to others (m).
+        headway: time to keep to others (steps).
+        reach: length of the course that the plan covers (steps)."""
+
+    gap: float
+    headway: int
+    reach: int
+
+
 class _Moves(NamedTuple):
     """Planned moments of a window, up to its end or to where nothing is in the way any more.
 
@@ -122,9 +135,9 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
             window = Moments(begin, STRIDE, (conflict + after - begin) // STRIDE + 1)
             reach = conflict - begin + REACH_STEPS
             since = begin - SMOOTHED_STEPS
-            changed = _plan_window(
-                course, plan, window, limits=(*distance, reach), occupancy=occupancy
-            )
+            gap, headway = distance
+            limits = _Limits(gap=gap, headway=headway, reach=reach)
+            changed = _plan_window(course, plan, window, limits=limits, occupancy=occupancy)
             setting += changed is None
         plan = changed
         poses = _follow(course, plan, occupancy.last)
@@ -132,11 +145,7 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
 
 
 def _plan_window(
-    course: Course,
-    plan: _Plan,
-    window: Moments,
-    limits: tuple[float, int, int],
-    occupancy: Occupancy,
+    course: Course, plan: _Plan, window: Moments, limits: _Limits, occupancy: Occupancy
 ) -> _Plan | None:
     """Plan again from a window's begin on; None if there is no way through.
 
@@ -144,17 +153,14 @@ def _plan_window(
         course: Course of the body.
         plan: Plan so far.
         window: Moments for which to plan.
-        limits: Gap (m) and time (steps) to keep to others, and steps of the course that the plan
-            covers.
+        limits: Distances to keep, and the part of the course that the plan covers.
         occupancy: The others."""
-    reach = limits[2]
-    gap, headway = limits[:2]
     side_lines = SIDE_LINES[course.label]
     row = window.begin - course.first
     progress = float(plan.progress[row])
     start_line = round(plan.aside[row] / ASIDE_SPACING_M)
     start_line = int(np.clip(start_line, -side_lines, side_lines))
-    rows = progress + STRIDE * np.arange(reach // STRIDE)
+    rows = progress + STRIDE * np.arange(limits.reach // STRIDE)
     rows = rows[rows <= len(course.poses) - 1]
     if not len(rows):
         return None
@@ -164,10 +170,10 @@ def _plan_window(
     boxes = size_boxes(poses, course.size)
     margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
     shape = (window.number, len(asides), len(rows))
-    blocked = occupancy.find_blocked(boxes, window, gap).reshape(shape)
-    blocked = _widen(blocked, margin + ceil(headway / STRIDE))
+    blocked = occupancy.find_blocked(boxes, window, limits.gap).reshape(shape)
+    blocked = _widen(blocked, margin + ceil(limits.headway / STRIDE))
     is_crossed = np.any(blocked, axis=0)
-    is_obstructed = occupancy.is_obstructed_in_view(boxes, gap).reshape(shape[1:])
+    is_obstructed = occupancy.is_obstructed_in_view(boxes, limits.gap).reshape(shape[1:])
     blocked |= _widen(is_obstructed.T, margin).T
     moves = _find_moves(blocked, is_crossed, start_line + side_lines)
     if moves is None:
@@ -213,7 +219,9 @@ def _join(before: _Plan, planned: _Plan, count: int) -> _Plan:
 class _Costs(NamedTuple):
     """Costs of a window with m moments, l lines and r rows of the course.
 
-    Lines have a border on both sides and rows one before the first, all infinite. The last row is
+    A line is parallel to the course, 0 the one farthest right; a row is a place along it, a row
+    farther for each moment without a wait. Lines have a border on both sides and rows one before
+    the first, all infinite, so line i and row k have the indices i + 1 and k + 1. The last row is
     all of the course that is farther on, in which nothing costs anything.
 
     Attributes:
@@ -270,6 +278,8 @@ def _find_moves(
 def _trace(costs: _Costs, last: int, end: int) -> _Moves:
     """Cheapest moves that lead to an end, traced back from there by the costs.
 
+    A move goes on by a row or waits, on its line or to the next line.
+
     Args:
         costs: Costs of the window.
         last: Last moment.
@@ -286,9 +296,9 @@ def _trace(costs: _Costs, last: int, end: int) -> _Moves:
             weight = costs.weigh_waits(moment)
             options = []
             for ahead, left in moves:
-                origin = line - left + 1, row - ahead + 1
+                origin = line - left + 1, row - ahead + 1  # indices, counted with the borders
                 option = costs.totals[moment - 1][origin]
-                if not ahead:
+                if not ahead:  # a wait
                     option = option + costs.waits[origin] * weight
                 options.append(option + ASIDE_COST if left else option)
             ahead, left = moves[int(np.argmin(options))]

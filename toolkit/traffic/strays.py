@@ -48,8 +48,8 @@ class Strays:
         ids: its id.
         poses: its x, y (m), yaw (rad) when drawn.
         speeds: its speed (m/s).
-        drawn: time when it was drawn (s).
-        left: number of frames that it still lives."""
+        drawn_s: time when it was drawn (s).
+        frames_left: number of frames that it still lives."""
 
     ground: StrayGround
     obstacles: Obstacles
@@ -57,8 +57,8 @@ class Strays:
     ids: Int64[np.ndarray, " n"]
     poses: _Poses
     speeds: Float64[np.ndarray, " n"]
-    drawn: Float64[np.ndarray, " n"]
-    left: Int64[np.ndarray, " n"]
+    drawn_s: Float64[np.ndarray, " n"]
+    frames_left: Int64[np.ndarray, " n"]
 
     @staticmethod
     def draw(
@@ -85,17 +85,17 @@ class Strays:
             ids=no_integers,
             poses=np.zeros((0, 3)),
             speeds=no_numbers,
-            drawn=no_numbers,
-            left=no_integers,
+            drawn_s=no_numbers,
+            frames_left=no_integers,
         )
         number = number if len(ground.points) else 0
         # lives of different length, so that not all end in the same frame
         lives = rng.integers(1, LIFE + 1, number)
-        return nobody._add(number, supply, time=0.0, left=lives)
+        return nobody._add(number, supply, time=0.0, lives=lives)
 
     def at(self, time: float) -> _Poses:
         """Poses at a time (s since the first frame), straight on from the drawn pose."""
-        distances = self.speeds * (time - self.drawn)
+        distances = self.speeds * (time - self.drawn_s)
         x, y, yaw = self.poses.T
         return np.column_stack([x + distances * np.cos(yaw), y + distances * np.sin(yaw), yaw])
 
@@ -103,24 +103,24 @@ class Strays:
         """Strays a frame later, with new ones instead of those whose life is over.
 
         time: time of that frame (s since the first one)."""
-        left = self.left - 1
-        is_alive = left > 0
+        frames_left = self.frames_left - 1
+        is_alive = frames_left > 0
         alive = replace(
             self,
             bodies=self.bodies[is_alive],
             ids=self.ids[is_alive],
             poses=self.poses[is_alive],
             speeds=self.speeds[is_alive],
-            drawn=self.drawn[is_alive],
-            left=left[is_alive],
+            drawn_s=self.drawn_s[is_alive],
+            frames_left=frames_left[is_alive],
         )
         missing = int((~is_alive).sum())
-        return alive._add(missing, supply, time=time, left=np.full(missing, LIFE))
+        return alive._add(missing, supply, time=time, lives=np.full(missing, LIFE))
 
-    def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
+    def _add(self, number: int, supply: Supply, time: float, lives: np.ndarray) -> "Strays":
         """Return the strays with `number` new ones after them.
 
-        time: time from which they move (s); left: number of frames that each new one lives."""
+        time: time from which they move (s); lives: number of frames that each new one lives."""
         rng = supply.rng
         labels = [label for label in STRAY_SHARES if (supply.labels == label).any()]
         shares = np.array([STRAY_SHARES[label] for label in labels])
@@ -138,8 +138,8 @@ class Strays:
             ids=np.append(self.ids, np.array(ids, np.int64)),
             poses=np.concatenate([self.poses, new_poses]),
             speeds=np.append(self.speeds, [stray.speed for stray in strays]),
-            drawn=np.append(self.drawn, np.full(number, time)),
-            left=np.append(self.left, left),
+            drawn_s=np.append(self.drawn_s, np.full(number, time)),
+            frames_left=np.append(self.frames_left, lives),
         )
 
     def _draw_stray(self, label: int, previous: "_Stray | None", supply: Supply) -> "_Stray":

@@ -84,7 +84,7 @@ class _Course:
 
 
 def possible_movements(site: Site, supply: Supply) -> dict[str, dict[str, list[str]]]:
-    """Exits that each kind of road user can reach, by kind and entry. See `Flow`."""
+    """Names of the exits that each kind of road user can reach, by kind and name of the entry."""
     with running(site.network, _describe_types(supply), seed=0, step=FINE_STEP_S) as sumo:
         return _Demand(sumo, site, supply).possible()
 
@@ -243,7 +243,10 @@ class _Demand:
         return body
 
     def _add_driver(self, name: str, body: int, passage: Passage) -> None:
-        """Add a vehicle to SUMO, which lets it in when there is room."""
+        """Add a vehicle to SUMO, which lets it in when there is room.
+
+        name: its id; body: row of its body, whose number is the id of SUMO's type; passage: its
+        drive."""
         route = " ".join(passage.edges)
         if route not in self._routes:
             self._sumo.route.add(route, passage.edges)

@@ -85,7 +85,7 @@ def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") 
 
     frames = ReadRecording(recording, Reads(config.inputs[0].errors))
     source = RecordingInput(frames)
-    is_known = config.place.at(recording.site)
+    is_known = config.place.uses_site(recording.site)
     learns_scene = recording.site is None and spec.learns_scene
     scene = learn_standing_scene(frames) if learns_scene else None
     (placed,) = Detectors(spec, config.place).choose([recording], [scene])

@@ -97,7 +97,7 @@ class DetectionText:
 
     def _find_area(self, opened: "Recording") -> list[float] | None:
         """Border of the detections in a recording, None if unknown."""
-        if opened.site is not None and self.place.at(opened.site):
+        if opened.site is not None and self.place.uses_site(opened.site):
             return [float(edge) for edge in opened.site.area]
         return None if self.place.area is None else list(self.place.area)
 

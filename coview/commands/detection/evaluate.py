@@ -87,7 +87,10 @@ def _evaluate_detector(
     run: Run,
     writing: Writing,
 ) -> int:
-    """Score a detector on a recording. Arguments as in `evaluate_command`."""
+    """Score a detector on a recording, and return the exit code.
+
+    dataset: path of the recording; out: path of the results; subject: detector and poses; rules:
+    schemes, classes and thresholds; opening: how the recording is read."""
     from toolkit.calibration.recording_scenes import Scenes
     from toolkit.datasets.recording_views import ReadRecording, Reads
     from toolkit.detection.evaluation import evaluate_recording
@@ -105,7 +108,7 @@ def _evaluate_detector(
     check_outputs = partial(_check_outputs, out, inputs, rules)
     with ExitStack() as stack:
         opened = stack.enter_context(opening.open(dataset))
-        is_known = place.at(opened.site)
+        is_known = place.uses_site(opened.site)
         comparison = _compare(rules, is_known=is_known)
         _check_recording(opened, reads.count(opened), sets)
         settings = (inputs, subject, rules, place, run)
@@ -158,7 +161,7 @@ def _check_options(rules: Rules, subject: Subject) -> None:
     arguments.check_share("--step", rules.link.step)
     if rules.similarity is not None:
         raise ValueError("--similarity is for --tracks: leave it out")
-    find_profile(subject.errors)
+    find_profile(subject.errors)  # raises for an unknown name
 
 
 def _read_reference(reference: str | None) -> "Surface | None":
@@ -201,7 +204,7 @@ def _check_recording(
     check_labels(recording, count)
     if len(recording):
         for sensors in sets:
-            select_sensors(recording[0].sensors, sensors)
+            select_sensors(recording[0].sensors, sensors)  # raises for an unknown sensor
 
 
 def _correct_poses(

@@ -130,7 +130,7 @@ class _Reading:
             check_labels(recording, count)
             sequence = find_sequence(dataset, self.opening)
             file = read_tracks(path, sequence)
-            default_protocol = "exact" if self.place.at(recording.site) else "measured"
+            default_protocol = "exact" if self.place.uses_site(recording.site) else "measured"
             with progress_bar("frame", count, hidden=hidden) as bar:
                 truth = read_truth(
                     number_frames(recording, sequence),

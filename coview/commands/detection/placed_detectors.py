@@ -61,7 +61,7 @@ class Detectors:
             network_for_scenes = open_detector(self.spec.without_background(), self.levelled)
         placed_detectors = []
         for recording, scene in zip(recordings, scenes, strict=True):
-            site = recording.site if self.place.at(recording.site) else None
+            site = recording.site if self.place.uses_site(recording.site) else None
             if self.misfit is not None and site is None:
                 raise self.misfit
             if self.network is None or self.spec.knows_background(site):

@@ -73,7 +73,7 @@ def accept_command(
     from toolkit.doctor.diagnosis import diagnose
     from toolkit.runtime.text_values import replace_infinite
 
-    find_profile(checking.errors)
+    find_profile(checking.errors)  # raises for an unknown name, before any work
     planned = read_plan_folder(plan)
     stated = read_stated_results(plan)
     spec = DetectorSpec.from_name(checking.detector or stated.detector)
@@ -174,7 +174,7 @@ def _write(acceptance: "Acceptance", out: Path, plan: Path, recording: Path) -> 
     from toolkit.runtime.writing import write_text, writing_together
 
     figures = json.dumps(replace_infinite(acceptance.as_dict()), indent=1)
-    page = to_html(build_page(acceptance, str(plan), recording.name), None)
+    page = to_html(build_page(acceptance, str(plan), recording.name), scene=None)
     texts = (f"{figures}\n", page, f"{describe_acceptance(acceptance)}\n")
     with writing_together(out) as folder:
         for name, text in zip(ACCEPTANCE_FILES, texts, strict=True):

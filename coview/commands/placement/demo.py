@@ -64,7 +64,7 @@ def demo_command(
         writing=writing,
     )
     evaluate_command(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
-    with open_recording(out / RECORDING, None) as recording:
+    with open_recording(out / RECORDING, site=None) as recording:
         draw_example(recording, open_detector(spec, recording), out / "birds_eye.png", seed=seed)
     say(f"pictures in {out}: birds_eye.png, pr_0.7.png")
     if plan_frames:

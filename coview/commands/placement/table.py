@@ -43,7 +43,7 @@ class TableData:
     """Leave out invalid objects, as in coview evaluate."""
 
     def __post_init__(self) -> None:
-        find_profile(self.errors)
+        find_profile(self.errors)  # raises for an unknown name
 
 
 def table_command(

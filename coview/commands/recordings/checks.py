@@ -47,7 +47,7 @@ def survey_command(
     from toolkit.detection.survey import survey
     from toolkit.frame import select_sensors
 
-    find_profile(errors)
+    find_profile(errors)  # raises for an unknown name, before any work
     with opening.open(dataset) as recording:
         total = frame_count(recording, frames)
         if not total:
@@ -168,7 +168,7 @@ def calibrate_command(
     from toolkit.calibration.reference_surface import read_surface
     from toolkit.datasets.recording_views import Part, ReadRecording, Reads
 
-    find_profile(reading.errors)
+    find_profile(reading.errors)  # raises for an unknown name, before any work
     reference = None if fit.reference == TOGETHER else fit.reference
     if reference is not None and (fit.held or fit.detector is not None):
         raise ValueError(

@@ -71,7 +71,7 @@ def convert_command(
         out: Folder to write, or file for hdf5."""
     check_least("--frames", value=contents.frames, minimum=1, remedy="leave it out for all")
     if contents.errors is not None:
-        find_profile(contents.errors)
+        find_profile(contents.errors)  # raises for an unknown name
     check_links(recording)
     target = find_layout(to)
     if to == "hdf5" and not out.is_dir():
@@ -299,7 +299,7 @@ def _pack_recordings(
         # one iterable of packed recordings for each recording and file, in their order
         streams = list[Iterable["PackedRecording"]]()
         for recording in recordings:
-            if place.at(recording.site):  # the ground and area of a known site are used
+            if place.uses_site(recording.site):  # the ground and area of a known site are used
                 dataset = cast("CoopDataset", recording)
                 streams.append([dataset_recording(dataset, max_frames)])
             else:

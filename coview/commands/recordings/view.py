@@ -92,7 +92,7 @@ class ViewOptions:
             return open_detector(spec, place)
         except PlaceMismatch:
             whole_site = Place(self.level, area=self.area)
-            if recording.site is None or not whole_site.at(recording.site):
+            if recording.site is None or not whole_site.uses_site(recording.site):
                 raise
         return open_detector(spec, recording, whole_site)
 

@@ -165,7 +165,7 @@ def detect_runs(
         missing_runs = tuple(run for run in runs if stored[k, run] is None)
         if missing_runs or stored[k, None] is None:
             tasks.append((k, missing_runs))
-    job = _FrameJob(renders, detector, alone=processes.alone)
+    job = _FrameJob(renders, detector, alone=processes.has_one_process)
     results = processes.map(job, tasks, progress=processes.stage(stage, len(tasks)))
     for (k, missing_runs), (truth, run_arrays) in zip(tasks, results, strict=True):
         frame_arrays: dict[tuple[int, SchemeRun | None], Arrays] = {(k, None): truth}

@@ -181,7 +181,7 @@ def run_stress(
     _check_scored(recording, count)
     report = run.stage("frames under stress", count * len(conditions))
     scenes = Scenes(ReadRecording(recording, Reads(noise_seed=run.seed)))
-    frame_report = report if run.alone else None
+    frame_report = report if run.has_one_process else None
     job = _ConditionJob(recording, kept_detections, question, count, run.seed, scenes, frame_report)
     rows: list[StressRow] = []
     for number, condition_rows in enumerate(run.map(job, enumerate(conditions)), 1):

@@ -84,7 +84,7 @@ def build_plan(findings: Findings, final: Judge, ground: GroundGrid) -> content.
     plan = replace(plan, worth=chosen_set.worth(), failures=chosen_set.failures())
     plan = _add_installation(plan, findings, ground)
     plan = replace(plan, order=chosen_set.order())
-    plan = _add_limits(plan, findings, final, figures, sampled=not chosen_set.small)
+    plan = _add_limits(plan, findings, final, figures, sampled=not chosen_set.is_small)
     mounted_names = [sensor.name for sensor in sensors]
     candidate_names = [candidates.sensors[c].name for c in members]
     return content.rename(plan, dict(zip(candidate_names, mounted_names, strict=True)))

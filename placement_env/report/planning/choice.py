@@ -39,7 +39,7 @@ class Choice:
             were judged by price, and with too few frames or objects."""
 
     options: tuple[PlanOption, ...]
-    sets: Bool[np.ndarray, "n C"]
+    sets: Bool[np.ndarray, "n candidates"]
     chosen: int
     best: int
     alike: tuple[int, ...]

@@ -25,7 +25,7 @@ MAX_SUBSET_SENSORS = 6  # for larger sets, not every subset is judged by the det
 class ChosenSet:
     """Schemes, worth of each sensor, failures and order of building of the chosen set.
 
-    Subsets are rows of booleans over the set's k members; sets are rows over all C candidates.
+    Subsets are rows of booleans over the set's k members; sets are rows over all candidates.
 
     Attributes:
         members: Indices of its candidates, ascending.
@@ -41,12 +41,12 @@ class ChosenSet:
     run: Run = Run()
 
     @property
-    def small(self) -> bool:
+    def is_small(self) -> bool:
         """True for at most `MAX_SUBSET_SENSORS` sensors: the detector judges every subset."""
         return len(self.members) <= MAX_SUBSET_SENSORS
 
     @property
-    def whole_set(self) -> Bool[np.ndarray, "1 C"]:
+    def whole_set(self) -> Bool[np.ndarray, "1 candidates"]:
         """The whole set as a row over all candidates."""
         return self.rows(np.ones((1, len(self.members)), np.bool_))
 
@@ -61,7 +61,7 @@ class ChosenSet:
         name: noun phrase for the progress line; frames: number of frames, None for all."""
         return self.run.stage(f"frames of the {name}", frames or self.judge.frames)
 
-    def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
+    def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n candidates"]:
         """Expand subsets of the set to rows over all candidates."""
         rows = np.zeros((len(subsets), len(self.judge.detected.renders.sensors)), np.bool_)
         rows[:, list(self.members)] = subsets
@@ -83,7 +83,7 @@ class ChosenSet:
         """Return the AP of subsets: judged for small sets, else predicted by the objective.
 
         stage: name in the progress line; not used for predictions."""
-        if self.small:
+        if self.is_small:
             return np.array([judgement.ap for judgement in self._judge(subsets, stage)])
         return self.objective.scores(self.rows(subsets)).ap
 
@@ -142,7 +142,7 @@ class ChosenSet:
         Both are exact for small sets, from the judged AP of all subsets. For large sets they are
         estimated from a sample of subsets that the objective of the searches scores."""
         count = len(self.members)
-        if self.small:
+        if self.is_small:
             aps = self._aps(all_subsets(count), "subsets")
             worth = exact_worth(lambda _: aps, count)  # asks for all subsets, in this order
         else:

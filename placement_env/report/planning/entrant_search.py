@@ -113,10 +113,12 @@ def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
         )
         for objective, preparation in zip(prepared.objectives, prepared.preparations, strict=True)
     ]
-    if not question.cases.plain:
+    if not question.cases.is_one_case:
         entrant_lists += [
             keep_entrants(
-                Objective.from_view(preparation.plain, view.candidates, view.visibility, Weights()),
+                Objective.from_view(
+                    preparation.intact_preparation, view.candidates, view.visibility, Weights()
+                ),
                 effort,
                 run.memo,
                 depends_on=preparation.traffic.digest(),

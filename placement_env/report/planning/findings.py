@@ -76,7 +76,9 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
         compared_figure = judging.state_figure("in the comparison", compared_judgement)
         check_agreement(choice.option.sensors, compared_figure, final_figure)
     is_predicted = (
-        question.setting.detector is None and question.cases.noise_only and question.cases.plain
+        question.setting.detector is None
+        and question.cases.noise_only
+        and question.cases.is_one_case
     )
     # a `Doubting` estimate states its typical error
     if is_predicted and isinstance(objective.scored_by, Doubting):

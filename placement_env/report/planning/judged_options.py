@@ -89,7 +89,7 @@ class JudgedOptions:
         row: index of the set; ap: its AP in the race; frames: frames that it raced on."""
         option = self.options[row]
         judgement = option.judged
-        has_one_case = self.judge.cases.plain and len(self.judge.profiles) == 1
+        has_one_case = self.judge.cases.is_one_case and len(self.judge.profiles) == 1
         if judgement is not None and has_one_case:
             objects = self.judge.evaluator.count_objects(frames)
             race_figure = StageFigure("in the race", ap=ap, objects=objects, frames=len(frames))

@@ -59,7 +59,7 @@ class SetJudgement(NamedTuple):
 class Judge:
     """The detector on one part of the traffic, which judges sensor sets.
 
-    Sets are rows of booleans over all C candidates; members are the indices of one set's
+    Sets are rows of booleans over all candidates; members are the indices of one set's
     candidates.
 
     Attributes:
@@ -108,7 +108,7 @@ class Judge:
         return replace(self.cases, failing=0, levels=1, errors=self.cases.profiles[0])
 
     @property
-    def absent(self) -> tuple[str, ...]:
+    def absent_labels(self) -> tuple[str, ...]:
         """Names of the classes that count but have no object to find in any frame."""
         all_frames = range(self.frames)
         return tuple(
@@ -161,7 +161,7 @@ class Judge:
 
     def judge(
         self,
-        sets: Bool[np.ndarray, "n C"],
+        sets: Bool[np.ndarray, "n candidates"],
         cases: Cases | None = None,
         *,
         progress: Report | None = None,
@@ -174,7 +174,7 @@ class Judge:
         return judgements
 
     def judge_drawn(
-        self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
+        self, sets: Bool[np.ndarray, "n candidates"], cases: Cases, progress: Report | None = None
     ) -> tuple[list[Judgement], DrawnAPs]:
         """Judge sets over cases; return one result for each set, and AP in each resample.
 
@@ -193,7 +193,7 @@ class Judge:
 
     def evaluate(
         self,
-        sets: Bool[np.ndarray, "n C"],
+        sets: Bool[np.ndarray, "n candidates"],
         cases: Cases,
         frames: Frames,
         progress: Report | None = None,
@@ -212,7 +212,9 @@ class Judge:
         return build_judgement(figures, np.arange(self.frames), self.detected.classes)
 
     def judge_cases(
-        self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
+        self,
+        sets: Bool[np.ndarray, "n candidates"],
+        stage: Callable[[str], Report | None] = lambda _: None,
     ) -> tuple[list[SetJudgement], DrawnAPs]:
         """Judge sets intact and in all requested cases.
 
@@ -254,7 +256,7 @@ class Judge:
             judgements.append(self._build_judgement(figures) if is_defined else None)
         return judgements
 
-    def _list_row(self, members: tuple[int, ...]) -> Bool[np.ndarray, "1 C"]:
+    def _list_row(self, members: tuple[int, ...]) -> Bool[np.ndarray, "1 candidates"]:
         # one set as a row over all candidates; members: indices of its candidates
         return np.isin(np.arange(len(self.detected.renders.sensors)), members)[None]
 

@@ -122,7 +122,7 @@ class StreetErrors(NamedTuple):
 
 
 def count_groups(street: MovingStreet, labels: Sequence[str], seed: int = 0) -> StreetErrors:
-    """Count the trips by offline tracks, as `coview count` does, next to the true ones.
+    """Count the trips of tracks that were smoothed over all frames, next to the true trips.
 
     labels: names of the classes; groups and movements of other classes are left out; seed: for
     the intervals of means."""

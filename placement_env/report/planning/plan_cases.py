@@ -34,9 +34,9 @@ def read_cases(question: JsonObject) -> Cases:
     with name_errors("question"):
         return Cases(
             iou=ious,
-            failing=question.whole("failing", 0, MAX_FAILING),
+            failing=question.whole("failing", low=0, high=MAX_FAILING),
             failures=question.choice("failures", ("worst", "mean")),  # type: ignore[arg-type]
-            levels=question.whole("levels", 1, MAX_LEVELS),
+            levels=question.whole("levels", low=1, high=MAX_LEVELS),
             levels_by=question.choice("levels_by", ("worst", "mean")),  # type: ignore[arg-type]
             errors=tuple(errors),
             errors_by=question.choice("errors_by", ("worst", "mean")),  # type: ignore[arg-type]

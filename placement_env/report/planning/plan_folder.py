@@ -257,9 +257,11 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
     question = plan.node("question")
     head = plan.node("head")
     texts = {key: head.get(key, str) for key in head.value}
-    money = read_optional(question, "money", lambda key: question.number(key, 0, MAX_PRICE))
+    money = read_optional(
+        question, "money", lambda key: question.number(key, low=0, high=MAX_PRICE)
+    )
     sensors = read_optional(
-        question, "sensors", lambda key: question.whole(key, 0, MAX_STOCK_SENSORS)
+        question, "sensors", lambda key: question.whole(key, low=0, high=MAX_STOCK_SENSORS)
     )
     cases = read_cases(question)
     setting = Setting(
@@ -271,7 +273,7 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
         cases=cases,
         most_price=math.inf if money is None else money,
         keep=tuple(question.texts("keep")),
-        link_share=question.number("link_share", 0, 1),
+        link_share=question.number("link_share", low=0, high=1),
     )
     _check_poles(plan, site, setting.pool)
     frames = question.numbers("frames", 3)
@@ -287,7 +289,7 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
         setting=setting,
         frames=search_frames,
         given_frames=given_frames,
-        seed=question.whole("seed", 0, MAX_SEED),
+        seed=question.whole("seed", low=0, high=MAX_SEED),
         sensors=math.inf if sensors is None else sensors,
         detector=question.get("detector", str),
         stated=_read_stated(plan.node("chosen"), cases.names[0]),
@@ -300,21 +302,21 @@ def _read_class(row: JsonObject) -> StatedClass:
     low = read_optional(judged, "low", judged.number)
     high = read_optional(judged, "high", judged.number)
     judgement = Judgement(
-        ap=judged.number("ap", 0, 1),
+        ap=judged.number("ap", low=0, high=1),
         low=math.nan if low is None else low,
         high=math.nan if high is None else high,
-        recall=judged.number("recall", 0, 1),
+        recall=judged.number("recall", low=0, high=1),
         precision=read_optional(judged, "precision", judged.number),
-        vehicles=judged.whole("vehicles", 0, MAX_OBJECTS),
-        frames=judged.whole("frames", 1, MAX_FRAMES),
+        vehicles=judged.whole("vehicles", low=0, high=MAX_OBJECTS),
+        frames=judged.whole("frames", low=1, high=MAX_FRAMES),
         kind=judged.get("kind", str),
     )
     iou: IoUs
     if isinstance(row.value.get("iou"), list):
         iou = tuple(row.numbers("iou"))
     else:
-        iou = row.number("iou", 0, 1)
-    weight = row.number("weight", 0)
+        iou = row.number("iou", low=0, high=1)
+    weight = row.number("weight", low=0)
     return StatedClass(label=row.choice("label", LABELS), weight=weight, iou=iou, judged=judgement)
 
 
@@ -326,10 +328,10 @@ def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:
     low = read_optional(judgement, "low", judgement.number)
     high = read_optional(judgement, "high", judgement.number)
     return StatedFigure(
-        frames=judgement.whole("frames", 1, MAX_FRAMES),
-        objects=judgement.whole("vehicles", 0, MAX_OBJECTS),
+        frames=judgement.whole("frames", low=1, high=MAX_FRAMES),
+        objects=judgement.whole("vehicles", low=0, high=MAX_OBJECTS),
         predicted=chosen_set.number("predicted"),
-        ap=judgement.number("ap", 0, 1),
+        ap=judgement.number("ap", low=0, high=1),
         low=math.nan if low is None else low,
         high=math.nan if high is None else high,
         errors=errors,

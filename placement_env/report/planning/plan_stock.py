@@ -161,11 +161,11 @@ def _read_pole(pole: JsonObject) -> Mount:
     name = pole.get("name", str)
     origin = pole.choice("origin", ORIGINS)
     position = np.array([pole.number(axis, -MAX_COORDINATE_M, MAX_COORDINATE_M) for axis in "xyz"])
-    min_height = pole.number("min_height", 0, MAX_BUILT_HEIGHT_M)
-    max_height = pole.number("max_height", 0, MAX_BUILT_HEIGHT_M)
-    price = pole.number("price", 0, MAX_PRICE)
-    capacity = pole.number("capacity_kbit", 0, MAX_KBIT)
-    max_sensors = pole.whole("max_sensors", 1, MAX_STOCK_SENSORS)
+    min_height = pole.number("min_height", low=0, high=MAX_BUILT_HEIGHT_M)
+    max_height = pole.number("max_height", low=0, high=MAX_BUILT_HEIGHT_M)
+    price = pole.number("price", low=0, high=MAX_PRICE)
+    capacity = pole.number("capacity_kbit", low=0, high=MAX_KBIT)
+    max_sensors = pole.whole("max_sensors", low=1, high=MAX_STOCK_SENSORS)
     with name_errors(pole.path):
         return Mount(
             name=name,
@@ -181,7 +181,7 @@ def _read_pole(pole: JsonObject) -> Mount:
 
 def _read_stock_model(row: JsonObject) -> StockModel:
     """Read a sensor model of a plan.json; one without a price gets 0."""
-    price = read_optional(row, "price", lambda key: row.number(key, 0, MAX_PRICE))
+    price = read_optional(row, "price", lambda key: row.number(key, low=0, high=MAX_PRICE))
     model = read_model(row.node("model"))
     priced_model = PricedModel(row.get("name", str), model, price or 0.0)
     return StockModel(priced_model, is_priced=price is not None)
@@ -234,10 +234,12 @@ def _read_catalogue(
     return SensorCatalogue(
         models=tuple(stock_model.priced_model for stock_model in models),
         currency=node.get("currency", str),
-        pole_price=read_optional(node, "pole_price", lambda key: node.number(key, 0, MAX_PRICE)),
+        pole_price=read_optional(
+            node, "pole_price", lambda key: node.number(key, low=0, high=MAX_PRICE)
+        ),
         digest=node.get("digest", str),
-        rates={key: rates.number(key, 0, MAX_PRICE) for key in rates.value},
-        years=node.number("years", 0, MAX_YEARS),
+        rates={key: rates.number(key, low=0, high=MAX_PRICE) for key in rates.value},
+        years=node.number("years", low=0, high=MAX_YEARS),
         report=head,
     )
 
@@ -253,7 +255,7 @@ def _read_pool(
     already read."""
     heights = stock.numbers("heights_m")
     tilts = stock.numbers("tilts_deg")
-    headings = stock.whole("headings", 1, MAX_AIM_STEPS)
+    headings = stock.whole("headings", low=1, high=MAX_AIM_STEPS)
     if max(len(heights), len(tilts)) > MAX_AIM_STEPS:
         raise ValueError(f"stock.heights_m and tilts_deg must hold at most {MAX_AIM_STEPS} numbers")
     poses = len(poles) * len(heights) * headings * len(tilts) * len(models)
@@ -291,8 +293,8 @@ def _read_mounted(
     pole_indices = []
     heights = []  # above the foot of the pole (m)
     for row in stock.nodes("sensors", MAX_STOCK_SENSORS):
-        pole_index = row.whole("pole", 0, len(poles) - 1)
-        model_index = row.whole("model", 0, len(models) - 1)
+        pole_index = row.whole("pole", low=0, high=len(poles) - 1)
+        model_index = row.whole("model", low=0, high=len(models) - 1)
         model = models[model_index].priced_model.model
         sensor = read_sensor(row.numbers("position", 3), row, model)
         sensors.append(sensor)

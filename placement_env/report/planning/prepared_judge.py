@@ -42,7 +42,7 @@ def prepare_judge(
         compares: True if many sets are compared, for which a detector may be coarser
             (`quick_detector`)."""
     preparations = [
-        Preparation(drawing.judge_setting(objective.candidates), run, compares=compares)
+        Preparation(drawing.judge_setting(objective.candidates), run, compares_sets=compares)
         for drawing, objective in zip(question.at_drawings, objectives, strict=True)
     ]
     judges = [
@@ -52,7 +52,7 @@ def prepare_judge(
 
 
 def prepare_final_judge(
-    question: Question, objectives: Sequence[Objective], is_member: Bool[np.ndarray, " C"]
+    question: Question, objectives: Sequence[Objective], is_member: Bool[np.ndarray, " candidates"]
 ) -> PreparedJudge:
     """Prepare the last part of the traffic, with enough frames for the requested width.
 
@@ -67,7 +67,7 @@ def prepare_final_judge(
         prepared = prepare_judge(question, objectives, run)
         judge = prepared.judge
         frames = prepared.preparation.frames
-        if width is None or judge.absent or frames >= MAX_FINAL_FRAMES:
+        if width is None or judge.absent_labels or frames >= MAX_FINAL_FRAMES:
             return prepared
         stage = one_stage(run, "frames of the chosen set", frames)
         judgements, _ = judge.judge_cases(is_member[None], stage)  # one row, for the only set
@@ -85,6 +85,6 @@ def prepare_final_judge(
 
 def check_objects(question: Question, judge: Judge) -> None:
     """Raise `Refusal` if the traffic of a judge lacks a class that counts."""
-    if judge.absent:
-        reasons = refuse_traffic(question, judge.absent, judge.frames, "judging")
+    if judge.absent_labels:
+        reasons = refuse_traffic(question, judge.absent_labels, judge.frames, "judging")
         raise Refusal(reasons, question.setting.pool)

@@ -43,7 +43,7 @@ class SampledJudge:
         whole_set: The whole set as the only row."""
 
     whole_judge: Judge
-    whole_set: Bool[np.ndarray, "1 C"]
+    whole_set: Bool[np.ndarray, "1 candidates"]
 
     @property
     def frames(self) -> Frames:
@@ -53,7 +53,7 @@ class SampledJudge:
     def judge_sets(
         self,
         judge: Judge,
-        sets: Bool[np.ndarray, "n C"],
+        sets: Bool[np.ndarray, "n candidates"],
         cases: Cases,
         progress: Report | None = None,
     ) -> tuple[list[Judgement], DrawnAPs]:

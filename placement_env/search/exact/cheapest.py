@@ -278,7 +278,7 @@ def _search_surrogate(
 
     condition = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"
     # both programmes share this list, and `_solve` extends it in place
-    lost_cases: list[Bool[np.ndarray, " C"]] | None = [] if demand.failing else None
+    lost_cases: list[Bool[np.ndarray, " candidates"]] | None = [] if demand.failing else None
     above = join_levels([build_levels(share, above=True) for share in shares])
     middle = join_levels([build_levels(share, above=False) for share in shares])
     relaxation = Programme.from_objective(objective, progress.budget, above, lost_cases=lost_cases)
@@ -401,7 +401,7 @@ def _solve(
 
 def _list_violated(
     progress: Progress, programme: Programme, members: list[int], need: int
-) -> list[Bool[np.ndarray, " C"]]:
+) -> list[Bool[np.ndarray, " candidates"]]:
     """Failures of one sensor after which a set does not meet the need.
 
     Each failure is a mask of the candidates that are lost with the sensor. Failures that are in

@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from ortools.sat.python.cp_model import CpModel, IntVar
 
 WORTH_UNITS = 10**9  # whole units of the sum over several classes
-_Seen = Bool[np.ndarray, "C O"]  # candidates × objects, True if seen
-_PerCandidate = Int64[np.ndarray, " C"]  # such as mounts or prices
-_Weight = Int64[np.ndarray, " O"]  # worth of covering each object
-_Worth = Int64[np.ndarray, "k O"]  # the same for k groups; the lowest sum counts
+_Seen = Bool[np.ndarray, "candidates objects"]  # candidates × objects, True if seen
+_PerCandidate = Int64[np.ndarray, " candidates"]  # such as mounts or prices
+_Weight = Int64[np.ndarray, " objects"]  # worth of covering each object
+_Worth = Int64[np.ndarray, "k objects"]  # the same for k groups; the lowest sum counts
 
 
 def search(
@@ -149,7 +149,7 @@ def cover_most(
     budget: int,
     *,
     views: int = 1,
-    is_buildable: Bool[np.ndarray, " C"] | None = None,
+    is_buildable: Bool[np.ndarray, " candidates"] | None = None,
     prices: Prices | None = None,
     worth: _Worth | None = None,
     limits: SolverLimits = SolverLimits(),
@@ -241,7 +241,7 @@ def _prove_lowest_bound(
     return min(bounds)
 
 
-def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
+def compute_worth(labels: Int64[np.ndarray, " objects"], classes: Classes) -> tuple[_Worth, int]:
     """Worth of covering each object in whole numbers, and the total of all.
 
     The worth has a row for each group of objects whose lowest sum counts. With one class each
@@ -272,7 +272,7 @@ def drop_dominated(
     seen: _Seen,
     mount: _PerCandidate,
     prices: _PerCandidate | None = None,
-    is_required: Bool[np.ndarray, " C"] | None = None,
+    is_required: Bool[np.ndarray, " candidates"] | None = None,
 ) -> Int64[np.ndarray, " k"]:
     """Indices of candidates without those that another one on the same mount makes useless.
 
@@ -307,7 +307,7 @@ def drop_dominated(
 
 def merge_objects(
     seen: _Seen, mount: _PerCandidate, views: int, worth: _Worth
-) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
+) -> tuple[Bool[np.ndarray, "candidates m"], Int64[np.ndarray, "k m"]]:
     """Merge objects that the same candidates see, and leave out those that cannot be covered.
 
     Args:

@@ -39,7 +39,7 @@ LINK_UNITS = 1 << 40  # whole units of a link
 EVIDENCE_UNITS = 1000  # whole units of an object's highest threshold
 GAIN_UNITS = 10**6  # whole units of the worth of all objects
 HIT_STEPS = (0.25, 0.5, 0.75, 0.9)  # shares of the highest probability at which a step begins
-_Mask = Bool[np.ndarray, " C"]  # candidates
+_Mask = Bool[np.ndarray, " candidates"]  # candidates
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def load_cp_model() -> ModuleType:
 
 
 class Prices(NamedTuple):
-    """Prices of C candidates in whole units, as an integer programme needs them.
+    """Prices of candidates in whole units, as an integer programme needs them.
 
     Prices are rounded down. The limit is raised by `PRICE_ROUNDING_SHARE` and rounded down, which
     excludes no valid set, as totals are whole.
@@ -106,9 +106,9 @@ class Prices(NamedTuple):
         unit: Price of one unit in the candidates' currency.
     """
 
-    sensor: Int64[np.ndarray, " C"]
-    per_mount: Int64[np.ndarray, " C"]
-    mount: Int64[np.ndarray, " C"]
+    sensor: Int64[np.ndarray, " candidates"]
+    per_mount: Int64[np.ndarray, " candidates"]
+    mount: Int64[np.ndarray, " candidates"]
     limit: int
     unit: float = 1.0
 
@@ -190,7 +190,7 @@ class Prices(NamedTuple):
 
 
 class Poles(NamedTuple):
-    """Constraints of the mounts (poles) on C candidates: places and shared links.
+    """Constraints of the mounts (poles) on candidates: places and shared links.
 
     Attributes:
         mount: Index of each candidate's mount.
@@ -200,9 +200,9 @@ class Poles(NamedTuple):
         required: Indices of mounts that must carry a sensor.
     """
 
-    mount: Int64[np.ndarray, " C"]
-    places: Int64[np.ndarray, " C"]
-    load: Int64[np.ndarray, " C"]
+    mount: Int64[np.ndarray, " candidates"]
+    places: Int64[np.ndarray, " candidates"]
+    load: Int64[np.ndarray, " candidates"]
     required: tuple[int, ...] = ()
 
     @staticmethod
@@ -223,7 +223,7 @@ class Poles(NamedTuple):
         )
 
     @property
-    def exclusive_mount(self) -> Int64[np.ndarray, " C"]:
+    def exclusive_mount(self) -> Int64[np.ndarray, " candidates"]:
         """Number of each candidate's mount, as if mounts with several places were several mounts.
 
         Each candidate on such a mount gets a number that no other has. So at most one candidate of
@@ -260,29 +260,29 @@ class Poles(NamedTuple):
                 model.add(linear.weighted_sum(variables, loads.tolist()) <= LINK_UNITS)
 
 
-def _round_down(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
+def _round_down(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " candidates"]:
     """Figures in whole units, rounded down. unit: size of one unit."""
     return np.floor(figures / unit).astype(np.int64)
 
 
 class Levels(NamedTuple):
-    """Levels of evidence on O objects, and the worth of reaching them, in whole numbers.
+    """Levels of evidence on objects, and the worth of reaching them, in whole numbers.
 
     A set reaches a level of an object if the evidence of its members adds up to the threshold. It
     then has the gain of this level and of all lower ones.
 
     Attributes:
-        evidence: Evidence that each of C candidates adds on each object.
-        threshold: Evidence needed for each of J levels of each object, ascending.
+        evidence: Evidence that each candidate adds on each object.
+        threshold: Evidence needed for each level of each object, ascending.
         gain: Worth that each level adds to the one below.
         groups: k groups of objects, such as classes, True for the objects of a group. The worth
             of a set is the sum over the group with the lowest sum.
     """
 
-    evidence: Int64[np.ndarray, "C O"]
-    threshold: Int64[np.ndarray, "J O"]
-    gain: Int64[np.ndarray, "J O"]
-    groups: Bool[np.ndarray, "k O"]
+    evidence: Int64[np.ndarray, "candidates objects"]
+    threshold: Int64[np.ndarray, "levels objects"]
+    gain: Int64[np.ndarray, "levels objects"]
+    groups: Bool[np.ndarray, "k objects"]
 
     def worth(self, members: list[int]) -> int:
         """Worth of the levels that a set (indices of candidates) reaches, in its worst group."""
@@ -315,7 +315,7 @@ class Solved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """Integer programme over sets of at most `budget` of C candidates, solved by `solve`.
+    """Integer programme over sets of at most `budget` candidates, solved by `solve`.
 
     Attributes:
         levels: Levels of evidence on the objects, and their gains.
@@ -358,7 +358,9 @@ class Programme:
         )
 
 
-def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
+def levels_of_hits(
+    powers: Float[np.ndarray, "candidates objects"], model: HitModel, *, above: bool
+) -> Levels:
     """Steps that approximate each object's hit probability, as levels of evidence.
 
     The first step begins at any evidence, the others at the shares `HIT_STEPS` of the highest

@@ -264,7 +264,7 @@ def list_amounts(
     candidates = objective.candidates
     is_allowed = objective.allowed([])
     prices = np.unique(candidates.prices[is_allowed])
-    if candidates.several:  # a further sensor on a mount does not pay the mount again
+    if candidates.has_shared_mounts:  # a further sensor on a mount does not pay the mount again
         prices = np.union1d(prices, candidates.model_prices[is_allowed])
     sums = np.zeros(1)
     for _ in range(most):  # sums of the prices of up to as many sensors

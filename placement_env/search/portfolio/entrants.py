@@ -395,7 +395,7 @@ def _rescore(
 
 def choose_neighbours(
     objective: Objective, answers: Sets, max_neighbours: int
-) -> tuple[list[Bool[np.ndarray, " C"]], int]:
+) -> tuple[list[Bool[np.ndarray, " candidates"]], int]:
     """Best feasible neighbours of some answers, and the number of sets scored.
 
     A neighbour has one sensor replaced. There is at most one for each choice of mounts. If
@@ -404,7 +404,7 @@ def choose_neighbours(
 
     answers: sets of one size; max_neighbours: most neighbours to return."""
     rewards: list[float] = []
-    rows: list[Bool[np.ndarray, " C"]] = []
+    rows: list[Bool[np.ndarray, " candidates"]] = []
     considered = 0
     for answer in answers:
         sets = neighbours(np.flatnonzero(answer), len(answer))[1:][:MAX_SCORED_NEIGHBOURS]
@@ -417,9 +417,11 @@ def choose_neighbours(
                 rows.append(sets[row].copy())  # a view would hold all sets in memory
     order = sorted(range(len(rows)), key=lambda index: -rewards[index])
     ranked_sets = [rows[index] for index in order]
-    by_mounts: dict[bytes, Bool[np.ndarray, " C"]] = {}  # one set for each choice of mounts
+    by_mounts: dict[
+        bytes, Bool[np.ndarray, " candidates"]
+    ] = {}  # one set for each choice of mounts
 
-    def keep(sets: Iterable[Bool[np.ndarray, " C"]], max_count: int) -> None:
+    def keep(sets: Iterable[Bool[np.ndarray, " candidates"]], max_count: int) -> None:
         """Add sets to `by_mounts`, one for each choice of mounts, up to `max_count` in all."""
         for row in sets:
             if len(by_mounts) < max_count:

@@ -106,8 +106,8 @@ class Judging:
         run = objective.run
         race_run = run.part(1, schedule.limit_frames(self.race_frames))
         final_run = run.part(2, schedule.limit_frames(self.final_frames))
-        race = Preparation(setting, race_run, compares=True)
-        final = Preparation(setting, final_run, compares=False)
+        race = Preparation(setting, race_run, compares_sets=True)
+        final = Preparation(setting, final_run, compares_sets=False)
         return (
             build_evaluator(race, self.by, seed=seed),
             build_evaluator(final, self.by, seed=seed, tie=0.0),  # its AP are stated
@@ -198,9 +198,11 @@ def _find_entrants(
     others = at_other_ious(objective)
     entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     preparation = objective.preparation
-    if preparation is None or objective.setting.cases.plain:
+    if preparation is None or objective.setting.cases.is_one_case:
         return entrants
-    intact_setting = replace(preparation.plain.setting, candidates=objective.candidates)
+    intact_setting = replace(
+        preparation.intact_preparation.setting, candidates=objective.candidates
+    )
     intact_objective = Objective(intact_setting, preparation.run)
     intact_entrants = keep_entrants(
         intact_objective, effort, seed=seed, checkpoint=checkpoint.part("intact")
@@ -259,7 +261,8 @@ def _assess(
     object_count = evaluator.count_objects(frames)
     cost = float(weigh_costs(objective, winner_row, judged.kbit[:1])[0])
     race_frames = int(race.frames[0])
-    if evaluator.name == "detector" and evaluator.cases.plain and len(evaluator.by_profile) == 1:
+    has_one_case = evaluator.cases.is_one_case and len(evaluator.by_profile) == 1
+    if evaluator.name == "detector" and has_one_case:
         names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
         judged_figure = StageFigure(
             stage="in the judgement", ap=answer.ap, objects=object_count, frames=len(frames)

@@ -122,7 +122,7 @@ def weigh_costs(
 
 def find_finalists(
     race: Contest,
-    ranked_sets: Bool[np.ndarray, "n C"],
+    ranked_sets: Bool[np.ndarray, "n candidates"],
     evaluator: CasesEvaluator,
     order: Int64[np.ndarray, " frames"],
 ) -> Int64[np.ndarray, " k"]:

@@ -29,14 +29,14 @@ class TimedEvaluator:
 
     Attributes:
         evaluator: Evaluator of sets on given frames.
-        until: End of the time by the monotonic clock (s).
+        end_s: End of the time by the monotonic clock (s).
         frames_between_looks: Frames between two looks at the clock.
         min_frames: Number of frames done regardless of time.
         done: Number of frames done so far, from the first one.
     """
 
     evaluator: CasesEvaluator
-    until: float
+    end_s: float
     frames_between_looks: int = 1
     min_frames: int = 1
     done: int = 0
@@ -58,7 +58,7 @@ class TimedEvaluator:
         the number of frames used, None for all. progress: called with the number of frames done.
         """
         while self.done < len(frames):
-            if self.done >= self.min_frames and time.monotonic() >= self.until:
+            if self.done >= self.min_frames and time.monotonic() >= self.end_s:
                 break
             next_frames = frames[self.done : self.done + self.frames_between_looks]
             self.evaluator.evaluate(sets, next_frames)  # for its detections, which are kept
@@ -98,7 +98,9 @@ class Schedule:
         if processes.ray:
             return Schedule(seconds, frames_between_looks=RAY_FRAMES)
         # 2: so that no process waits while another one finishes
-        return Schedule(seconds, frames_between_looks=1 if processes.alone else 2 * processes.count)
+        return Schedule(
+            seconds, frames_between_looks=1 if processes.has_one_process else 2 * processes.count
+        )
 
     @property
     def remaining_s(self) -> float:
@@ -134,7 +136,7 @@ class Schedule:
             return evaluator
         return TimedEvaluator(
             evaluator,
-            until=time.monotonic() + share * self.remaining_s,
+            end_s=time.monotonic() + share * self.remaining_s,
             frames_between_looks=self.frames_between_looks,
             min_frames=min_frames,
         )

@@ -60,21 +60,20 @@ def evaluate_frames(frames: int, folder: str) -> None:
 
 
 def search_candidates(poles: int, folder: str) -> None:
-    """Greedy search over poles on a ring around the junction, with the usual headings of each."""
+    """Greedy search over poles on both sides of the junction, with the usual headings of each."""
     from toolkit.sites.files import format_site, load_site
 
-    angles = np.arange(poles) * 2 * np.pi / poles
-    # along the pavements, so that none stands on the carriageway
-    positions = np.column_stack(
-        [np.linspace(-38, 38, poles), np.where(np.cos(angles) > 0, 17, -17)]
-    )
+    # in rows behind the pavements, so that none stands on the carriageway or at another's place
+    rows_y = np.array([-20.0, -19.0, -18.0, -17.0, 17.0, 18.0, 19.0, 20.0])
+    columns_x = np.linspace(-38, 38, -(-poles // len(rows_y)))
+    positions = np.stack(np.meshgrid(columns_x, rows_y, indexing="ij"), axis=-1).reshape(-1, 2)
     features = [
         {
             "type": "Feature",
             "geometry": {"type": "Point", "coordinates": [x, y]},
             "properties": {"name": f"pole {number}"},
         }
-        for number, (x, y) in enumerate(positions.round(3).tolist())
+        for number, (x, y) in enumerate(positions[:poles].tolist())
     ]
     site = json.loads(format_site(load_site("tjunction")))
     file = Path(folder, f"poles-{poles}.geojson")

@@ -132,7 +132,7 @@ def whole_maps(network, clouds, unions):
             np.cumsum([0, *(len(each.corner) for each in parts[:-1])])
         )
         entries_there += len(entries.tile)
-        for union, of in zip(np.arange(len(unions))[some], entries.of.T, strict=True):
+        for union, of in zip(np.arange(len(unions))[some], entries.entry.T, strict=True):
             for number, maps in enumerate(joined):
                 if maps is None:
                     continue
@@ -217,7 +217,7 @@ def test_what_unions_see_alike_is_computed_once(trained):
     assert not tiled.gains(plan.part(slice(1)))
     ((some, entries, predictions),) = tiled(plan)
     computed = sum(len(each.corner) for each in predictions)
-    assert (some.start, entries.of.shape) == (0, (72, 256))
+    assert (some.start, entries.entry.shape) == (0, (72, 256))
     assert computed == len(entries.tile) <= 2 * 72
     assert computed >= 72 + 8
 

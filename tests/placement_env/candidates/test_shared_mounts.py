@@ -106,7 +106,7 @@ def test_environments_mask_full_mounts_and_price_a_second_sensor(three):
 
 def test_places_of_one_are_as_ever(make):
     candidates = make(3, 4).candidates
-    assert not candidates.several
+    assert not candidates.has_shared_mounts
     row = np.isin(np.arange(12), [0])
     assert room_beside(candidates, row[None]).tolist() == [[False] * 4 + [True] * 8]
     assert fit_together(candidates, np.array([row, np.isin(np.arange(12), [0, 1])])).tolist() == [

@@ -24,7 +24,11 @@ def test_steps_lead_back_and_forth(history):
     assert history.change(variant_with(1))
     assert history.change(variant_with(2))
     history.undo()
-    assert (history.variant, len(history.past), len(history.future)) == (variant_with(1), 1, 1)
+    assert (history.variant, len(history.past_steps), len(history.future)) == (
+        variant_with(1),
+        1,
+        1,
+    )
     history.redo()
     assert (history.variant, history.future) == (variant_with(2), ())
     history.undo()
@@ -38,7 +42,7 @@ def test_what_changes_nothing_is_no_step_and_keeps_the_future(history):
     history.change(variant_with(1))
     history.undo()
     assert not history.change(variant_with(0))
-    assert (history.past, len(history.future)) == ((), 1)
+    assert (history.past_steps, len(history.future)) == ((), 1)
 
 
 def test_a_drag_goes_on_until_another_change(history):
@@ -71,7 +75,7 @@ def test_variants_are_shown_by_name_and_steps_lead_to_theirs(history):
 def test_steps_are_bounded(history):
     for count in range(MAX_UNDO_STEPS + 2):
         history.change(variant_with(1 + count % 2))
-    assert len(history.past) == MAX_UNDO_STEPS
+    assert len(history.past_steps) == MAX_UNDO_STEPS
 
 
 @pytest.mark.parametrize("duplicate", [copy, lambda history: pickle.loads(pickle.dumps(history))])
@@ -80,5 +84,5 @@ def test_a_copy_goes_its_own_way(history, duplicate):
     copied = duplicate(history)
     copied.undo()
     copied.show("B", copy=True)
-    assert (history.variant, len(history.past), history.future) == (variant_with(1), 1, ())
+    assert (history.variant, len(history.past_steps), history.future) == (variant_with(1), 1, ())
     assert list(history.variants) == ["A"]

@@ -75,16 +75,16 @@ def test_a_drag_of_one_sensor_is_one_step_and_another_begins_anew(planner):
     start = planner.variant
     for heading in (0.1, 0.2):
         planner.move("d0", heading=heading, dragging=True)
-    assert [variant for _, variant in planner.past] == [start]
+    assert [variant for _, variant in planner.past_steps] == [start]
     planner.end_drag()
     planner.move("d0", heading=0.3, dragging=True)
-    assert len(planner.past) == 2
+    assert len(planner.past_steps) == 2
     planner.move("d1", heading=0.3, dragging=True)
-    assert len(planner.past) == 3
+    assert len(planner.past_steps) == 3
     planner.move("d1", heading=0.4)
-    assert len(planner.past) == 4
+    assert len(planner.past_steps) == 4
     planner.move("d1", heading=0.5, dragging=True)
-    assert len(planner.past) == 5
+    assert len(planner.past_steps) == 5
 
 
 def test_a_change_that_changes_nothing_is_no_step(planner):
@@ -92,7 +92,7 @@ def test_a_change_that_changes_nothing_is_no_step(planner):
     sensor = planner.sensors[0]
     planner.move(sensor.name, sensor.heading, sensor.tilt, sensor.height)
     assert planner.variant is before or planner.variant == before
-    assert planner.past == ()
+    assert planner.past_steps == ()
     planner.move(sensor.name, heading=1.0)
     planner.undo()
     planner.lock(sensor.name, False)
@@ -103,8 +103,8 @@ def test_steps_to_undo_are_bounded(planner):
     start = planner.variant
     planner.history.restore({"A": start}, "A", [("A", start)] * MAX_UNDO_STEPS)
     planner.lock("d0")
-    assert len(planner.past) == MAX_UNDO_STEPS
-    assert not planner.past[-1][1].find("d0").locked
+    assert len(planner.past_steps) == MAX_UNDO_STEPS
+    assert not planner.past_steps[-1][1].find("d0").locked
 
 
 def test_headings_turn_round_and_tilts_and_heights_are_held(planner):
@@ -309,7 +309,7 @@ def test_a_copy_by_pickle_goes_on_by_itself(planner, told):
     assert len(told) == before
     assert list(again.variants) == ["A", "B"]
     assert planner.variant.find("d0").heading == 1.0
-    assert len(planner.past) == 1
+    assert len(planner.past_steps) == 1
 
 
 def test_a_copy_shares_nothing_that_changes(planner):

@@ -50,7 +50,7 @@ def reopen(path, made, **options):
     made.restore({"other": Variant()}, "other", [])
     project = ProjectFile(path, made, **options)
     project.close()
-    return made.variants, made.current, made.past
+    return made.variants, made.current, made.past_steps
 
 
 def test_everything_is_there_again(planner, path):
@@ -70,7 +70,7 @@ def test_everything_is_there_again(planner, path):
     )
     planner.fail("d2")
     planner.lock("d3")
-    kept = dict(planner.variants), planner.current, planner.past
+    kept = dict(planner.variants), planner.current, planner.past_steps
     project.close()
     variants, current, past = reopen(path, planner)
     assert json.dumps([v.as_dict() for v in variants.values()]) == json.dumps(
@@ -344,5 +344,5 @@ def test_a_report_judges_the_sensors_as_they_hang_and_keeps_their_poles(
     assert [sensor.name for sensor in setting.pool.sensors] == [
         sensor.name for sensor in planner.sensors
     ]
-    assert setting.fusion == planner.asked.fusion
+    assert setting.fusion == planner.asked_setting.fusion
     assert question.run.frames is None

@@ -270,7 +270,7 @@ def test_road_users_say_what_a_bare_plane_does_not_by_their_derivatives():
             before = object_pairs(seen, poses, 1.5)[0]
             poses[sensor] = apply_motion(poses[sensor], motion)
             after = object_pairs(seen, poses, 1.5)[0]
-            rows = (before.one_row, before.other_row)[sensor][:, number]
+            rows = (before.first_rows, before.second_rows)[sensor][:, number]
             centres = np.arange(len(rows)) < 36  # 12 cars, three numbers each
             np.testing.assert_allclose(
                 (after.residual - before.residual)[centres] / 1e-6, rows[centres], atol=0.05
@@ -295,7 +295,7 @@ def test_road_users_pair_by_nearest_and_heading():
     )
     assert len(pairs) == 1
     assert pairs[0].residual.tolist() == pytest.approx([-0.5, -0.2, 0.0, 0.0])
-    assert (pairs[0].one, pairs[0].other) == (0, 1)
+    assert (pairs[0].first_sensor, pairs[0].second_sensor) == (0, 1)
     box = np.array([[0.0, 0, 1, 4, 2, 1.5, 0.1]])
     round_about = box + np.array([[0, 0, 0, 0, 0, 0, np.pi - 0.05]])
     pairs = object_pairs(
@@ -418,7 +418,7 @@ def test_surfaces_pair_by_hand(limits):
     ]
     rows = [np.array([0])] * 2
     first, second = alignment.pair_surfaces(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))
-    assert [(pair.one, pair.other) for pair in (first, second)] == [(0, 1), (1, 0)]
+    assert [(pair.first_sensor, pair.second_sensor) for pair in (first, second)] == [(0, 1), (1, 0)]
     assert first.residual == pytest.approx([-0.03])
     assert second.residual == pytest.approx([0.03])
     deviation = np.sqrt(0.03**2 + 0.04**2 + 0.01**2)
@@ -427,8 +427,8 @@ def test_surfaces_pair_by_hand(limits):
     assert alignment.pair_surfaces(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[
         0
     ].limit == pytest.approx([0.9])
-    assert first.one_row == pytest.approx(motions.resistance(place, np.zeros(3), up))
-    assert first.other_row == pytest.approx(
+    assert first.first_rows == pytest.approx(motions.resistance(place, np.zeros(3), up))
+    assert first.second_rows == pytest.approx(
         -motions.resistance(place, np.array([1.0, 2.0, 0.0]), up)
     )
     weight = (1 - (0.03 / (4.685 * deviation)) ** 2) ** 2 / (9 * deviation**2)
@@ -451,7 +451,11 @@ def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about
         [[SensorBoxes.from_boxes(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5
     )
     assert pair.residual == pytest.approx([-0.2, 0.0, 0.0, 0.1])
-    assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER_M, 0, 0, 0]
+    assert (
+        pair.first_rows[3].tolist()
+        == (-pair.second_rows[3]).tolist()
+        == [0, 0, 1 / LEVER_M, 0, 0, 0]
+    )
     assert pair.deviation == pytest.approx([0.25 * np.sqrt(2)] * 3 + [np.deg2rad(4.0) * np.sqrt(2)])
     assert pair.limit == pytest.approx([1.5] * 3 + [np.deg2rad(20.0)])
     away = SensorBoxes.from_boxes(theirs + np.eye(7)[1], np.eye(4))

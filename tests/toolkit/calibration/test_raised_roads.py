@@ -252,7 +252,7 @@ def test_roofs_and_canopies_are_doubted_but_are_no_ground() -> None:
     hidden = (np.abs(land[:, :2] - [20.0, 20.0]) < 6.0).all(axis=1)
     roof = flat_grid([14, 14], [26, 26], 3.0, 0.15)
     ground = level(np.concatenate([land[~hidden], roof]) - [0.0, 0.0, 5.0])
-    assert [one.followed for one in ground.levels] == [False]
+    assert [one.is_ground for one in ground.levels] == [False]
     doubt = describe_levels(ground.levels)
     assert doubt is not None
     assert doubt.startswith(
@@ -261,7 +261,7 @@ def test_roofs_and_canopies_are_doubted_but_are_no_ground() -> None:
     canopy = flat_grid([-30, 10], [10, 30], 5.0)
     ground = level(np.concatenate([land, canopy]) - [0.0, 0.0, 5.0])
     assert ground.height(np.array([[-10.0, 20.0]])) == pytest.approx(-5.0, abs=0.02)
-    assert not any(one.followed for one in ground.levels)
+    assert not any(one.is_ground for one in ground.levels)
 
 
 def test_small_surfaces_are_not_doubted() -> None:

@@ -88,6 +88,48 @@ def test_the_turned_sensor_is_named_in_time_and_no_other(rendered):
     assert onset_s < time_s <= onset_s + min(30.0, 3 * MAX_ROUND_S)
 
 
+class ScriptedFinder:
+    """Finder that gives turns (rad) in the order of a list, and notes whose they are."""
+
+    def __init__(self, turns):
+        self.turns = list(turns)
+        self.names = []
+
+    def submit(self, scene, world_SE3_sensor, images):
+        self.names.append(scene.name)
+        future = Future()
+        future.set_result(self.turns.pop(0))
+        return future
+
+
+def watch_turns(rendered, turns):
+    """Watch over two sensors until a finder has given all turns; return it and the watch."""
+    sensors, scenes, images = rendered
+    finder = ScriptedFinder(turns)
+    watch = TurnWatch(sensors, scenes, finder)
+    time_s = 0.0
+    while finder.turns:
+        time_s += IMAGE_EVERY_S
+        for name in sensors:
+            watch.look(name, images[name], time_s)
+    watch.look("d0", images["d0"], time_s)
+    return finder, watch
+
+
+def test_a_failed_registration_neither_ends_nor_confirms_a_turn(rendered):
+    # checks are of d0, d1, d0 and so on, but d0 is checked again once it seems turned
+    finder, watch = watch_turns(rendered, [ANGLE, ANGLE, 0.0, None])
+    assert finder.names == ["d0", "d0", "d1", "d0"]
+    assert watch.turned == {"d0"}
+    finder, watch = watch_turns(rendered, [ANGLE, None, 0.0, ANGLE])
+    assert finder.names == ["d0", "d0", "d1", "d0"]  # d1 gets its turn though d0 is open
+    assert watch.turned == {"d0"}
+    assert not watch_turns(rendered, [ANGLE, None, 0.0, None])[1].turned
+    assert not watch_turns(rendered, [ANGLE, None, 0.0, 0.0])[1].turned
+    _, watch = watch_turns(rendered, [ANGLE, ANGLE, 0.0, None, 0.0, 0.0])
+    assert not watch.turned
+
+
 @pytest.mark.slow
 def test_another_process_finds_the_same(rendered):
     sensors, scenes, images = rendered

@@ -148,7 +148,7 @@ def test_points_are_counted_without_a_site():
 
 def test_a_class_without_counts_is_left_out_and_no_frame_refused():
     found = survey(Labelled([sample(None)]), classes=["cyclist"])
-    assert found.agreeing == (1, 1)  # of the cone
+    assert found.agreement == (1, 1)  # of the cone
     assert "cyclist from" not in found.text([[0]])
     with pytest.raises(ValueError, match="need one frame"):
         survey(Labelled())

@@ -14,7 +14,7 @@ def figure(text="a", value=1.0):
     made = canvas.blank_figure(2.0, 1.0)
     axes = made.add_axes((0.1, 0.2, 0.8, 0.7))
     axes.plot([0, value], [0, 1.234567])
-    axes.set_title(canvas.plain(text))
+    axes.set_title(canvas.replace_unprintable(text))
     return made
 
 
@@ -94,7 +94,7 @@ def test_text_is_taken_as_it_is(text):
         drawn = canvas.svg_text(figure(text), title=text)
     root = ElementTree.fromstring(drawn)
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
-    assert root.find("{http://www.w3.org/2000/svg}title").text == canvas.plain(text)
+    assert root.find("{http://www.w3.org/2000/svg}title").text == canvas.replace_unprintable(text)
     assert root.get("role") == "img"
     assert "<text" not in drawn
     assert "<metadata" not in drawn

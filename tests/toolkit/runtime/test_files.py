@@ -153,6 +153,73 @@ def test_what_a_killed_process_left_is_taken_over_but_not_what_is_being_written(
     assert sorted(each.name for each in tmp_path.iterdir()) == [".mine", "file"]
 
 
+def test_the_file_that_the_next_writer_begins_is_left_to_it(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    descriptors = []
+    replace = Path.replace
+
+    def replace_and_begin(source, target):
+        replace(source, target)
+        descriptors.append(writing.take(source))  # as another process does at this very moment
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", replace_and_begin)
+        writing.write_text(path, "first")
+    os.close(*descriptors)
+    assert sorted(each.name for each in tmp_path.iterdir()) == [".file.0.unfinished", "file"]
+
+
+def test_the_folder_that_the_next_writer_begins_is_left_to_it(tmp_path, monkeypatch):
+    rename = Path.rename
+
+    def rename_and_begin(source, target):
+        rename(source, target)
+        source.mkdir()
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", rename_and_begin)
+        with writing.writing_folder(tmp_path / "out") as folder:
+            writing.write_text(folder / "a", "new")
+    assert sorted(each.name for each in tmp_path.iterdir()) == [".out.0.unfinished", "out"]
+    assert (tmp_path / "out" / "a").read_text() == "new"
+
+
+@pytest.mark.parametrize("is_folder", [False, True])
+@pytest.mark.parametrize("moment", ["mkdir", "open", "fstat"])
+def test_what_is_removed_while_it_is_taken_is_made_again(tmp_path, monkeypatch, moment, is_folder):
+    path = tmp_path / "folder" / "lock"
+    module = Path if moment == "mkdir" else os
+    function = getattr(module, moment)
+    removed = []
+
+    def remove(*args, **kwargs):
+        """Do as the owner of the lock, who removes it at the end, and its folder if it can."""
+        if not removed:
+            removed.append(path)
+            path.rmdir() if is_folder else path.unlink()
+            path.parent.rmdir()
+        return function(*args, **kwargs)
+
+    path.parent.mkdir()
+    path.mkdir() if is_folder else path.touch()
+    with monkeypatch.context() as patch:
+        patch.setattr(module, moment, remove)
+        descriptor = writing.take(path, folder=is_folder)
+    assert removed
+    assert os.path.samestat(os.fstat(descriptor), path.stat())
+    assert writing.take(path, folder=is_folder) is None
+    os.close(descriptor)
+
+
+def test_a_file_that_can_never_be_made_is_no_endless_loop(tmp_path, monkeypatch):
+    def refuse(*args):
+        raise FileNotFoundError
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(FileNotFoundError):
+        writing.take(tmp_path / "lock")
+
+
 @pytest.mark.parametrize("before", ["missing", "empty", "ours", "killed while moving"])
 def test_a_folder_appears_whole_or_stays_as_it_was(tmp_path, before):
     out = tmp_path / "new" / "out"

@@ -38,8 +38,8 @@ def test_work_is_done_in_order_by_as_many_workers():
     assert told == [("numbers", 1, 2), ("numbers", 2, 2)]
     assert Run().stage("numbers") is None
     assert list(Run(workers=2).map(abs, range(-5, 0))) == [5, 4, 3, 2, 1]
-    assert Run().alone
-    assert not Run(workers=2).alone
+    assert Run().has_one_process
+    assert not Run(workers=2).has_one_process
     assert Processes(workers=None).count == os.cpu_count()
 
 

@@ -53,8 +53,8 @@ def test_strays_are_of_every_class_on_lanes_and_footways(site, obstacles):
     assert (drawn.speeds[labels == VEHICLE] == 0).all()
     assert 0.3 < (drawn.speeds[labels == PEDESTRIAN] > 0).mean() < 0.7
     assert len(set(drawn.ids.tolist())) == 1500
-    assert (drawn.left >= 1).all()
-    assert (drawn.left <= LIFE).all()
+    assert (drawn.frames_left >= 1).all()
+    assert (drawn.frames_left <= LIFE).all()
 
 
 def test_companions_stand_shoulder_to_shoulder(site, obstacles):

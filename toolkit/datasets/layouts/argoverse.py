@@ -187,7 +187,8 @@ def _read_frame(log: Path, name: str) -> Frame:
 def _read_clouds(log: Path, time_ns: int, problems: problem_kinds.Problems) -> list[SensorCloud]:
     """Read the clouds of a sweep's lidars, in the vehicle's frame.
 
-    log: folder of the log; time_ns: time of the sweep; problems: counts are added to it."""
+    log: folder of the log; time_ns: time of the sweep; problems: counts are added to it. Raises
+    ValueError if the calibration lacks a lidar of the sweep."""
     calibration = dict[str, Pose]()  # ego_SE3_sensor by the name of the sensor
     if lexists(log / _CALIBRATION):
         with name_damage(log / _CALIBRATION, "calibration"):
@@ -205,6 +206,11 @@ def _read_clouds(log: Path, time_ns: int, problems: problem_kinds.Problems) -> l
         add_problem(problems, NO_LASER, int(is_other_laser.sum()))
         for lidar, lasers in LASERS.items():
             is_of_lidar = np.isin(table["laser_number"], lasers)
+            if is_of_lidar.any() and calibration and lidar not in calibration:
+                raise ValueError(
+                    f"it has points of {lidar}, which {log / _CALIBRATION} lacks: add its row, or "
+                    "remove that file if all points are in the vehicle's frame"
+                )
             if is_of_lidar.any() or lidar in calibration:
                 lidar_columns = {key: column[is_of_lidar] for key, column in attributes.items()}
                 pose = calibration[lidar] if calibration else np.eye(4)

@@ -140,5 +140,5 @@ def _load(
         return Frame.of_clouds(name, (cloud,), *frame_labels.no_labels(), problems=problems)
     image = sequence.folder / "image_02" / sequence.name / f"{name}.png"
     view = LabelledView(calibration, read_image_size(image))
-    rows = labels.get(numbers[name], LabelRows.parse([], []))
+    rows = labels.get(numbers[name], LabelRows.parse(rows=[], ids=[]))
     return view.frame(name, cloud, rows, problems)

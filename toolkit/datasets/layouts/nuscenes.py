@@ -345,7 +345,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
         tables["sample_annotation"] += _format_labels(sample, token, number, instances)
     for channel in channels.values():
         tables["sensor"].append({"token": channel, "channel": channel, "modality": "lidar"})
-    _link_neighbours(tables["sample"], lambda row: SCENE)
+    _link_neighbours(tables["sample"], lambda row: SCENE)  # in place
     _link_neighbours(tables["sample_data"], lambda row: str(row["filename"]).split("/")[1])
     annotations = _link_neighbours(
         tables["sample_annotation"], lambda row: str(row["instance_token"])

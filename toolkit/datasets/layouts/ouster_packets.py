@@ -71,7 +71,7 @@ def open_ousters(path: Path) -> OusterCapture:
 
     Raises ImportError without ouster-sdk, ValueError for a damaged capture or metadata of another
     sensor."""
-    import_ouster("reading an Ouster's .pcap")
+    import_ouster("reading an Ouster's .pcap")  # raises, with the remedy, if it is missing
     from ouster.sdk import open_source
 
     with name_damage(path, "capture", (Exception,)):

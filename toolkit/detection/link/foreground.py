@@ -55,10 +55,10 @@ class SendsForeground(DetectsOnce):
         """Detect in the clouds that the centre restores of the sensors (indices), joined."""
         return view.fuse_points([self.send(view, sensor) for sensor in sensors])
 
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "candidates frames"]:
         """Return the points on objects that count: only foreground is sent.
 
-        counts: numbers of points of C candidates in F frames."""
+        counts: numbers of points of candidates in frames."""
         return counts.on_objects
 
     def send(self, view: View, sensor: int) -> Sent[Cloud]:
@@ -110,18 +110,18 @@ class Foreground(SendsForeground):
 
     def __post_init__(self) -> None:
         """Raise ValueError for wrong values."""
-        wire.step_in_mm(self.step)
+        wire.step_in_mm(self.step)  # raises for other than whole millimetres
         wire.step_in_mm(self.max_step)
         if not 0 < self.sigmas < np.inf:
             raise ValueError(
                 f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000"
             )
 
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "candidates frames"]:
         """Return the points on objects that count, at most as many as fill a packet.
 
         More points are sent in coarser steps, and still take about one packet in all. counts:
-        numbers of points of C candidates in F frames."""
+        numbers of points of candidates in frames."""
         points = super().sent_points(counts)
         if self.max_step <= self.step:
             return points

@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float32, ImageMask, ImageSteps, Int64
+from toolkit.arrays import Float32, ImageMask, Int64
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
 from toolkit.detection.view import Captured, Lift
 from toolkit.frame import unproject
+from toolkit.grid_sums import sum_squares_around
 from toolkit.points import Crop
 from toolkit.sensors.sensor import Sensor, is_return
 
@@ -104,19 +105,8 @@ def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
         return np.zeros_like(is_gone)
     if is_missing.sum() == is_expected.sum():
         return is_gone
-    missing_count = _count_around(is_missing)
-    expected_count = _count_around(is_expected)
+    # in the 5 x 5 pixels around each pixel, itself included; there are none beyond the image
+    missing_count = sum_squares_around(is_missing.astype(np.int64), NEIGHBOUR_PX)
+    expected_count = sum_squares_around(is_expected.astype(np.int64), NEIGHBOUR_PX)
     is_enough = (missing_count >= MIN_MISSING_NEIGHBOURS) | (missing_count == expected_count)
     return is_gone & (missing_count > 0) & (2 * missing_count >= expected_count) & is_enough
-
-
-def _count_around(mask: ImageMask) -> ImageSteps:
-    """Number of mask pixels in the 5 x 5 square around each pixel, itself included.
-
-    Pixels beyond the image's edges count as unmarked."""
-    # Integral image (cumulative sums along both axes, with a row and a column of 0 in front): the
-    # sum over a square is the difference of its values at the square's four corners.
-    side = 2 * NEIGHBOUR_PX + 1
-    padded = np.pad(mask, NEIGHBOUR_PX).astype(np.int64)
-    sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]

@@ -160,7 +160,7 @@ class RangeImages(Parameters):
     step: float = 0.02
 
     def __post_init__(self) -> None:
-        wire.step_in_mm(self.step)
+        wire.step_in_mm(self.step)  # raises for other than whole millimetres
 
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode the pixels of an image that return something, rounded to steps."""

@@ -221,7 +221,7 @@ class RoadRules:
     number: int | None = None
 
     @property
-    def differs(self) -> bool:
+    def sides_differ(self) -> bool:
         """True if the two directions have different rules."""
         return self.users[0] != self.users[1] or self.speeds[0] != self.speeds[1]
 
@@ -753,4 +753,4 @@ def _has_reserved_lanes(key: str, value: str) -> bool:
 
 def number_pieces(rules: Iterable[RoadRules]) -> list[RoadRules]:
     """Return the rules of pieces of road, numbered by their place if their directions differ."""
-    return [replace(rule, number=k) if rule.differs else rule for k, rule in enumerate(rules)]
+    return [replace(rule, number=k) if rule.sides_differ else rule for k, rule in enumerate(rules)]

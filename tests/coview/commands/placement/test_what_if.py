@@ -221,11 +221,11 @@ def test_an_earlier_plan_is_refused_by_name(plan_folder, refused, tmp_path):
 def test_the_python_planner_opens_what_the_command_opens(plan_folder, ask):
     planner = LivePlanner(str(plan_folder))
     assert planner.finish().ap == pytest.approx(ask()["before"]["ap"])
-    assert (planner.currency, planner.asked.cases.names, planner.asked.fusion.name) == (
-        "EUR",
-        ("typical",),
-        "late",
-    )
+    assert (
+        planner.currency,
+        planner.asked_setting.cases.names,
+        planner.asked_setting.fusion.name,
+    ) == ("EUR", ("typical",), "late")
     assert [area.bounds for area in planner.yard.keep_out] == [(30.0, 10.0, 35.0, 15.0)]
 
 

@@ -136,7 +136,7 @@ def test_vehicles_alone_and_classes_without_objects(walked, street):
     assert mine == plain
     assert mine.kind == "vehicle"
     assert [row.label for row in street.judge.by_class((0,))] == ["vehicle"]
-    assert walked(Classes(("vehicle", "heavy", "cyclist"))).absent == ("cyclist", "heavy")
+    assert walked(Classes(("vehicle", "heavy", "cyclist"))).absent_labels == ("cyclist", "heavy")
     none = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(4, np.int64))
     some = Tally(np.array([0.9]), np.array([True]), np.array([1]), np.ones(4, np.int64))
     found = judge_tallies([[some, none]], Classes(("vehicle", "heavy")), 0)

@@ -356,7 +356,7 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
     asked = []
 
     class Sure:
-        absent = ()
+        absent_labels = ()
 
         def __init__(self, frames):
             self.frames = frames

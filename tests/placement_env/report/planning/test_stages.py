@@ -100,7 +100,7 @@ def staged(ask, street, spy, monkeypatch):
             self.visibility = SimpleNamespace(
                 labels=noted.labels, select=lambda rows: ("seen", rows.tolist())
             )
-            self.plain = "plain"
+            self.intact_preparation = "plain"
 
     def moved(preparation, candidates, visibility, weights):
         assert weights == Weights()

@@ -303,7 +303,9 @@ def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatc
     made = []
 
     def built(preparation, *given, **named):
-        made.append(((preparation.setting, preparation.run, preparation.compares), *given, named))
+        made.append(
+            ((preparation.setting, preparation.run, preparation.compares_sets), *given, named)
+        )
         return len(made)
 
     monkeypatch.setattr(portfolio, "build_evaluator", built)
@@ -346,7 +348,7 @@ def test_with_failures_what_is_best_intact_races_too(street, monkeypatch):
     objective = Objective(setting, Run(seed=4))
     plain = replace(setting, cases=Cases(), candidates=None)
     prepared: Any = SimpleNamespace(
-        plain=SimpleNamespace(setting=plain), run=objective.run, setting=setting
+        intact_preparation=SimpleNamespace(setting=plain), run=objective.run, setting=setting
     )
     objective.preparation = prepared
     vars(objective)["describe_origin"] = lambda subset: {}

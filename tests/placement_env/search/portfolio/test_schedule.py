@@ -79,7 +79,7 @@ def test_less_time_is_fewer_frames():
         for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)
     ] == [96, 96, 96, 48, 24, 16, 8]
     assert Schedule(1.0).limit_frames(6) == 6
-    cluster = SimpleNamespace(ray="local", alone=False, count=1)
+    cluster = SimpleNamespace(ray="local", has_one_process=False, count=1)
     runs = (Run(), Run(workers=4), cluster)
     assert [Schedule.from_processes(9.0, run).frames_between_looks for run in runs] == [1, 8, 16]
 
@@ -96,7 +96,7 @@ def test_searches_races_and_judgement_share_the_time():
         ),
     ):
         assert isinstance(each, TimedEvaluator)
-        assert each.until - now == pytest.approx(seconds, abs=1)
+        assert each.end_s - now == pytest.approx(seconds, abs=1)
         least.append(each.min_frames)
     assert least == [1, 1, 8]
     free = Schedule()

@@ -1,4 +1,5 @@
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,8 @@ def test_folders_that_are_no_log_and_three_lidars_are_refused(tmp_path):
         write_argoverse([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path)
 
 
-pytest.importorskip("pyarrow")
+pyarrow = pytest.importorskip("pyarrow")
+feather = pytest.importorskip("pyarrow.feather")
 
 
 @recorded
@@ -85,6 +87,22 @@ def test_a_log_without_calibration_is_in_the_vehicles_frame_anyway(tmp_path):
     (sample,) = argoverse(tmp_path)
     assert sample.points().tolist() == before.points().tolist()
     assert sample.problems == {**before.problems, NO_CALIBRATION: 1}
+
+
+def test_a_lidar_that_the_calibration_lacks_is_refused_by_name(tmp_path):
+    cloud = SensorCloud("a", np.ones((1, 3), np.float32), np.eye(4))
+    write_argoverse([Frame.of_clouds("0", (cloud,), Objects.empty(), time=2.0)], tmp_path)
+    calibration = tmp_path / "calibration" / "egovehicle_SE3_sensor.feather"
+    table = feather.read_table(calibration)
+    names = pyarrow.array(["ring_front_center"])
+    column = table.column_names.index("sensor_name")
+    feather.write_feather(table.set_column(column, "sensor_name", names), calibration)
+    sweep = tmp_path / "sensors" / "lidar" / "2000000000.feather"
+    reason = f"it has points of up_lidar, which {calibration} lacks: add its row"
+    with pytest.raises(
+        ValueError, match=re.escape(f"{sweep} is no sweep that can be read: {reason}")
+    ):
+        argoverse(tmp_path)[0]
 
 
 def test_a_log_without_labels(tmp_path):
