@@ -34,6 +34,7 @@ from placement_env.report.planning.question import Question
 from placement_env.report.planning.refusals import Refusal, refuse, refuse_question
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.objects import Detector
+from toolkit.rendering.renderer import body_scene
 from toolkit.runtime.parallel import return_freed_memory
 
 
@@ -95,15 +96,21 @@ def _answer(question: Question) -> content.Planned:
     question: question with few enough poses to search (`narrow_question`)."""
     searched = prepare_search(question, question.part("search"))
     entrants = search_entrants(question, searched)
-    return_freed_memory()  # searches take much
+    _free_stage()
     comparison = _compare(question, searched, entrants)
-    return_freed_memory()  # measurements of all compared sets
+    _free_stage()
     judged = _judge_choice(question, searched, entrants, comparison)
-    return_freed_memory()
+    _free_stage()
     planned = judged.planned
     candidates = searched.objectives[0].candidates
     motion = measure_motion(question, candidates, comparison.choice.members, judged.detector)
     return replace(planned, plan=replace(planned.plan, motion=motion))
+
+
+def _free_stage() -> None:
+    """Return the memory of a stage to the system, with the scenes of its road users."""
+    body_scene.cache_clear()
+    return_freed_memory()
 
 
 def _compare(question: Question, searched: PreparedSearch, entrants: Entrants) -> _Comparison:
