@@ -332,3 +332,8 @@ def _known_stills(site: str) -> dict[tuple[bytes, SensorModel], Still]:
 
     site: Text of the site's file."""
     return {}
+
+
+def forget_stills() -> None:
+    """Free the static scenes that looks keep, some 300 kB for each place and model."""
+    _known_stills.cache_clear()

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from placement_env.candidates.candidates import NoCandidates
 from placement_env.fidelity.preparation import check_scorable
+from placement_env.fidelity.seeing import forget_stills
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover import mounted
 from placement_env.handover.ground import visible_ground
@@ -104,12 +105,14 @@ def _answer(question: Question) -> content.Planned:
     planned = judged.planned
     candidates = searched.objectives[0].candidates
     motion = measure_motion(question, candidates, comparison.choice.members, judged.detector)
+    _free_stage()  # the report is still to be drawn
     return replace(planned, plan=replace(planned.plan, motion=motion))
 
 
 def _free_stage() -> None:
-    """Return the memory of a stage to the system, with the scenes of its road users."""
+    """Return the memory of a stage to the system, with all scenes that later stages do not need."""
     body_scene.cache_clear()
+    forget_stills()
     return_freed_memory()
 
 
@@ -121,6 +124,7 @@ def _compare(question: Question, searched: PreparedSearch, entrants: Entrants) -
     objectives = searched.objectives
     compared = prepare_judge(question, objectives, question.part("comparison"), compares=True)
     check_objects(question, compared.judge)
+    return_freed_memory()  # learning the background takes much
     choice = choose_set(
         objectives[0],
         entrants,
