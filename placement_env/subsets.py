@@ -67,8 +67,8 @@ def list_set_members(subsets: Sets) -> SetMembers:
 def sum_figures(subsets: Sets, figures: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, " n"]:
     """Sum of the members' figures for each of n sets.
 
-    The sums are those of `subsets @ figures`, which turns all booleans into numbers together and
-    takes four times as long.
+    The result is `subsets @ figures`, which turns all booleans into numbers together and takes four
+    times as long.
 
     figures: one for each candidate."""
     blocks = max(1, len(subsets) // BLOCK_SETS)
