@@ -22,7 +22,7 @@ class SentBackground(NamedTuple):
     """Expected points of the static scene that a sensor sends in a frame without objects.
 
     Attributes:
-        sent: All of these points.
+        sent: Points in all.
         far: The ones beyond the site's hybrid radius."""
 
     sent: float

@@ -1,4 +1,4 @@
-"""Figures from memory are those of the fidelity, whatever sets are asked for together."""
+"""Figures from memory are the fidelity's, whatever sets are asked for together."""
 
 import numpy as np
 import pytest
