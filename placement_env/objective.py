@@ -159,7 +159,7 @@ class Objective(FeasibleSets):
         self.scheme = setting.fusion
         self.codec = scheme_codec(self.scheme, setting.codec)
         self._apply_setting(setting)
-        self._memory = ScoreMemory(self.scored_by, len(self.candidates))
+        self._memory = ScoreMemory(self.scored_by)
         self.classes = self._memory.classes
 
     def _apply_setting(self, setting: Setting) -> None:

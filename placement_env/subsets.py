@@ -1,15 +1,18 @@
 """Sets of candidates as rows of booleans: all of them, and sums over the members of many sets."""
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float64, Shaped
+from toolkit.arrays import Bool, Float64, Int64, Shaped
 
 Sets = Bool[np.ndarray, "n candidates"]  # sensor sets, a row of candidates each
 SetFunction = Callable[[Sets], Float64[np.ndarray, " n"]]  # a figure of each set
 MAX_LISTED_SENSORS = 16  # with 65536 sets
 BLOCK_FIGURES = 1 << 17  # figures in one step, so that they stay in the processor's cache
+BLOCK_SETS = 64  # sets whose booleans become numbers in one step, for the same reason
 
 
 def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
@@ -42,6 +45,41 @@ def find_index(member: object, names: Sequence[str]) -> int:
     )
 
 
+class SetMembers(NamedTuple):
+    """Members of n sets, set after set, in ascending order within each.
+
+    Attributes:
+        row: Row of each member's set.
+        candidate: Index of the candidate."""
+
+    row: Int64[np.ndarray, " m"]
+    candidate: Int64[np.ndarray, " m"]
+
+
+def list_set_members(subsets: Sets) -> SetMembers:
+    """List the members of n sets, as `subsets.nonzero()` does, in a tenth of its time."""
+    _, candidates = subsets.shape
+    flat_positions = np.flatnonzero(np.ascontiguousarray(subsets).ravel())
+    row, candidate = np.divmod(flat_positions, max(candidates, 1))
+    return SetMembers(row=row, candidate=candidate)
+
+
+def sum_figures(subsets: Sets, figures: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, " n"]:
+    """Sum of the members' figures for each of n sets.
+
+    The result is `subsets @ figures`, which turns all booleans into numbers together and takes four
+    times as long.
+
+    figures: one for each candidate."""
+    blocks = max(1, len(subsets) // BLOCK_SETS)
+    # the last block has the remaining rows too: a single row would be rounded in another way
+    ends = [*(block * BLOCK_SETS for block in range(1, blocks)), len(subsets)]
+    sums = np.empty(len(subsets))
+    for first, end in pairwise([0, *ends]):
+        sums[first:end] = subsets[first:end] @ figures
+    return sums
+
+
 class MemberSums:
     """Sum of the rows of each set's members, in the type of the rows.
 
@@ -61,9 +99,7 @@ class MemberSums:
     def __call__(self, subsets: Sets) -> Shaped[np.ndarray, "n w"]:
         """Sum of the members' rows for each of n sets, 0 for the empty set."""
         n, candidates = subsets.shape
-        # index of the set and of the candidate, for each member of each set
-        flat_positions = np.flatnonzero(np.ascontiguousarray(subsets).ravel())
-        owner, member = np.divmod(flat_positions, max(candidates, 1))
+        owner, member = list_set_members(subsets)
         sizes = np.bincount(owner, minlength=n)
         # position of a member within its set: its running number minus the first of the set
         first_numbers = np.cumsum(sizes) - sizes

@@ -36,7 +36,7 @@ AP_TOLERANCE = 0.01  # difference that does not matter
 MIN_SURE_FRAMES = 20  # for a statement on the confidence of a comparison
 MIN_SURE_OBJECTS = 20  # for a statement on the confidence of a comparison
 MAX_SURE_SHARE = 0.99  # highest confidence that resamples can distinguish
-MAX_HELD_NUMBERS = 1 << 21  # in memory at a time
+MAX_HELD_NUMBERS = 1 << 16  # in one step, so that they stay in the processor's cache
 Resamples = Float64[np.ndarray, " resamples"]
 Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws each frame
 

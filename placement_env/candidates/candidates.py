@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from placement_env.candidates.poles import load_poles
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.links import max_load
-from placement_env.subsets import Sets
+from placement_env.subsets import Sets, list_set_members
 from toolkit.arrays import Bool, Float64, Int64, Mask, Rng, Shaped
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import pose
@@ -245,8 +245,7 @@ class Candidates(Displayed):
             figure: Figure of each candidate to add up, such as its data; None to count."""
         sets = len(subsets)
         mounts = len(self.mounts)
-        # one entry for each member of each set: row of the set, and index of the candidate
-        set_row, candidate = np.nonzero(subsets)
+        set_row, candidate = list_set_members(subsets)
         mount = self.mount[candidate]  # index of each member's mount
         cells = set_row * mounts + mount  # flat index in the result
         weights = None if figure is None else figure[candidate]

@@ -10,7 +10,7 @@ from placement_env.classes import Classes
 from placement_env.defaults import VEHICLES
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import ClassEstimates, Estimate
-from placement_env.subsets import MemberSums, Sets
+from placement_env.subsets import MemberSums, Sets, sum_figures
 from toolkit.arrays import Float64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, estimate_bits, scheme_codec
@@ -45,7 +45,7 @@ class SentData:
 
     def kbit(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Data of each set (kbit per frame, mean of all frames)."""
-        return np.asarray(subsets @ self._bits / (1000 * self._frames))
+        return sum_figures(subsets, self._bits) / (1000 * self._frames)
 
 
 def sent_per_frame(

@@ -313,9 +313,8 @@ class Detected:
 
     def detections(self, members: tuple[int, ...], k: int) -> Detections:
         """Fused detections of a set (ascending indices of candidates) in frame k, not matched."""
-        frame = _FrameDetections(self, k)
-        detections = frame.fused(members).detections
-        self.memo.put(frame.uncached_detections)
+        detections, new_detections = _fuse_frame(self, members, k)
+        self.memo.put(new_detections)
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
@@ -432,12 +431,54 @@ def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[b
     It may run in another process than its caller.
 
     detected: Fidelity with the measurements, detector, scheme, codec and cache."""
-    if not detected.processes.has_one_process and "torch" in sys.modules:
-        sys.modules["torch"].set_num_threads(1)  # each core already has a process
+    _limit_threads(detected)
     frame = _FrameDetections(detected, task.k)
     frame.fuse_together(task.sets)
     outcomes = [detected.outcome(task.k, frame.fused(members)) for members in task.sets]
     return outcomes, frame.uncached_detections
+
+
+def _fuse_frame(
+    detected: Detected, members: tuple[int, ...], k: int
+) -> tuple[Detections, dict[bytes, Arrays]]:
+    """Fused detections of a set in frame k, and the detections that were not cached, by key.
+
+    It may run in another process than its caller.
+
+    detected: Fidelity with the measurements, detector, scheme, codec and cache; members: ascending
+    indices of the set's candidates."""
+    _limit_threads(detected)
+    frame = _FrameDetections(detected, k)
+    return frame.fused(members).detections, frame.uncached_detections
+
+
+def detect_in_frames(
+    detected: Detected,
+    members: tuple[int, ...],
+    frames: Sequence[int],
+    progress: Callable[[int], None] | None = None,
+) -> list[Detections]:
+    """Fused detections of a set in each of some frames, not matched.
+
+    Args:
+        detected: Fidelity, whose processes work on the frames and whose cache keeps detections.
+        members: Ascending indices of the set's candidates.
+        frames: Indices of frames.
+        progress: Called with the number of frames done; None for silence."""
+    results = detected.processes.map(
+        partial(_fuse_frame, detected, members), frames, progress=progress
+    )
+    frame_detections = []
+    for detections, new_detections in results:
+        detected.memo.put(new_detections)
+        frame_detections.append(detections)
+    return frame_detections
+
+
+def _limit_threads(detected: Detected) -> None:
+    """Let torch use one thread if each core has a process already."""
+    if not detected.processes.has_one_process and "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
 
 
 class _FrameDetections:

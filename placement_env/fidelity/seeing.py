@@ -13,7 +13,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_choice
 from placement_env.fidelity.occlusion import SeenPoints, look_at
 from placement_env.fidelity.ray_table import Lookup
-from placement_env.fidelity.still import Still
+from placement_env.fidelity.still import SentBackground, Still
 from placement_env.fidelity.surround import ScoredItems, Surround, place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
@@ -30,6 +30,9 @@ MAX_BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 
 VIEW_BLOCK_FRAMES = 8  # frames that a process handles before it returns its views from panoramas
 MIN_SENSORS_PER_PLACE = 4  # mean number of sensors per place above which panoramas pay
 RANGE_MARGIN_M = 10.0  # m above and below all objects that a panorama's sensor must measure
+# points of the last look without a cache at a single block, by its key: a look at more frames
+# begins with the same block
+_LAST_SHORT_LOOK: dict[bytes, SeenPoints] = {}
 
 
 class Block(NamedTuple):
@@ -187,17 +190,23 @@ class _Look:
             run: Processes, progress and cache.
             total: End of the last block; the share that is done gives the progress, in sensors."""
         report = run.stage("poses rendered", len(self.sensors))
-        seen = []
+        keys = [*map(self.key, blocks)]
+        first_seen = _LAST_SHORT_LOOK.get(keys[0]) if run.memo is None else None
+        seen = [] if first_seen is None else [first_seen]
+        new_blocks = blocks[len(seen) :]
+        new_keys = keys[len(seen) :]
 
         def compute(missing: list[int]) -> Iterator[SeenPoints]:
-            # points in the blocks with these indices, in parallel
-            return run.map(self, [blocks[k] for k in missing])
+            # points in the new blocks with these indices, in parallel
+            return run.map(self, [new_blocks[k] for k in missing])
 
-        results = recall(run.memo, [*map(self.key, blocks)], compute)
-        for block, arrays in zip(blocks, results, strict=True):
+        for block, arrays in zip(new_blocks, recall(run.memo, new_keys, compute), strict=True):
             seen.append(SeenPoints(*arrays))
             if report:
                 report(len(self.sensors) * block.end // total)
+        if len(blocks) == 1 and run.memo is None:
+            _LAST_SHORT_LOOK.clear()
+            _LAST_SHORT_LOOK[keys[0]] = seen[0]
         return seen
 
     def __call__(self, block: Block) -> SeenPoints:
@@ -254,7 +263,7 @@ class RoundLook(_Look):
         for place, strips in enumerate(strips_of_places):
             surround = Surround.from_strips(strips, scored, self._stills[place])
             for sensor in np.flatnonzero(place_of_sensor == place).tolist():
-                sensor_points = surround.seen(self._lookups[sensor])
+                sensor_points = surround.seen(self._lookups[sensor], self._backgrounds[sensor])
                 seen.points[sensor] = sensor_points.points
                 seen.sent[sensor] = sensor_points.sent
                 seen.far[sensor] = sensor_points.far
@@ -276,6 +285,15 @@ class RoundLook(_Look):
     def _lookups(self) -> list[Lookup]:
         # aim of each sensor in its table of rays
         return [Lookup.from_sensor(sensor) for sensor in self.sensors]
+
+    @cached_property
+    def _backgrounds(self) -> list[SentBackground]:
+        # points that each sensor sends without objects, which are the same in all frames
+        _, place_of_sensor = self._places
+        return [
+            self._stills[place][lookup.model].count_background(lookup)
+            for place, lookup in zip(place_of_sensor.tolist(), self._lookups, strict=True)
+        ]
 
     @cached_property
     def _strips(self) -> SuccessiveStrips:
@@ -314,3 +332,8 @@ def _known_stills(site: str) -> dict[tuple[bytes, SensorModel], Still]:
 
     site: Text of the site's file."""
     return {}
+
+
+def forget_stills() -> None:
+    """Free the static scenes that looks keep, some 300 kB for each place and model."""
+    _known_stills.cache_clear()

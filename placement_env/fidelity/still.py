@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,17 @@ from toolkit.sensors.sensor import NEAR, SensorModel
 from toolkit.sites.site import Site
 
 CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
+
+
+class SentBackground(NamedTuple):
+    """Expected points of the static scene that a sensor sends in a frame without objects.
+
+    Attributes:
+        sent: Points in all.
+        far: The ones beyond the site's hybrid radius."""
+
+    sent: float
+    far: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +80,8 @@ class Still:
         sent, far = cell_chances
         return Still(sent=sent, far=far)
 
-    def count_background(self, lookup: Lookup) -> tuple[float, float]:
-        """Expected points that a sensor sends if no object is there, and the far ones among them.
-
-        Far points are beyond the site's hybrid radius.
+    def count_background(self, lookup: Lookup) -> SentBackground:
+        """Expected points that a sensor sends if no object is there.
 
         lookup: Aim of the sensor, which must be at this place."""
         table = lookup.table  # numbers of rays by direction, for heading 0
@@ -81,7 +91,7 @@ class Still:
         # rays in each cell times its chance, in steps
         sent = float(table.cell_rays @ self.sent.take(cell, mode="wrap"))
         far = float(table.cell_rays @ self.far.take(cell, mode="wrap"))
-        return sent / float(CHANCE_STEPS), far / float(CHANCE_STEPS)
+        return SentBackground(sent=sent / float(CHANCE_STEPS), far=far / float(CHANCE_STEPS))
 
     def behind(
         self, azimuth: Float32[np.ndarray, " n"], elevation: Float32[np.ndarray, " n"]

@@ -11,7 +11,7 @@ import numpy as np
 from placement_env.fidelity.occlusion import Chances
 from placement_env.fidelity.ray_table import Lookup, RayTable
 from placement_env.fidelity.rectangles import AZIMUTHS, Rectangles
-from placement_env.fidelity.still import Still
+from placement_env.fidelity.still import SentBackground, Still
 from placement_env.fidelity.traffic import Traffic, build_renderer, scored
 from toolkit.arrays import Float64, Int32, Int64
 from toolkit.points import Crop, has_centre_inside
@@ -158,21 +158,25 @@ class Surround:
             arrays += [still.sent, still.far]
         return sum(array.nbytes for array in arrays)
 
-    def seen(self, lookup: Lookup) -> SensorPoints:
+    def seen(self, lookup: Lookup, background: SentBackground | None = None) -> SensorPoints:
         """Points of a sensor at this place on each scored object, and points sent in each frame.
 
         The rays of the sensor that fall on each strip (upright part of an object, seen from here)
         are counted. Points sent are the static scene's and what the objects add to these.
 
-        lookup: Aim of the sensor; its model must be in `stills`."""
+        Args:
+            lookup: Aim of the sensor; its model must be in `stills`.
+            background: Points of the static scene that the sensor sends without objects, None to
+                count them here."""
         table = lookup.table  # numbers of rays by direction, for heading 0
         items = self.scored.items + 1  # the last one gathers strips that are not scored
         frames = self.scored.frames
         gains = self.gains[lookup.model]
-        background_sent, background_far = self.stills[lookup.model].count_background(lookup)
+        if background is None:
+            background = self.stills[lookup.model].count_background(lookup)
         points = np.zeros(items)
-        sent = np.full(frames, background_sent)
-        far = np.full(frames, background_far)
+        sent = np.full(frames, background.sent)
+        far = np.full(frames, background.far)
         for rows in self._list_slices_ahead(table, float(lookup.heading)):
             rectangles_ahead = Rectangles(*(column[rows] for column in self.rectangles))
             # strips (within `rows`) that rays fall on, and the number of rays on each

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from placement_env.subsets import BLOCK_FIGURES, MAX_LISTED_SENSORS, MemberSums, all_subsets
+from placement_env.subsets import (
+    BLOCK_FIGURES,
+    BLOCK_SETS,
+    MAX_LISTED_SENSORS,
+    MemberSums,
+    all_subsets,
+    list_set_members,
+    sum_figures,
+)
 
 
 @pytest.mark.parametrize("sensors", [0, 1, 5])
@@ -29,6 +37,18 @@ def test_sums_are_those_of_the_members_whatever_is_beside_them(seed, dtype):
     np.testing.assert_allclose(sums(sets), sets @ rows.astype(float), rtol=1e-5)
     np.testing.assert_array_equal(sums(sets[3:4]), sums(sets)[3:4])
     assert sums(np.zeros((0, 9), bool)).shape == (0, 5)
+
+
+@pytest.mark.parametrize(
+    ("sets", "candidates"), [(0, 5), (3, 0), (1, 7), (BLOCK_SETS + 1, 300), (3 * BLOCK_SETS, 9)]
+)
+def test_members_and_sums_of_figures_are_numpys(sets, candidates):
+    rng = np.random.default_rng(sets)
+    subsets = rng.random((2 * sets, candidates)) < 0.2
+    figures = rng.integers(0, 1 << 20, candidates).astype(float)
+    for rows in (subsets[:sets], subsets[::2]):  # the second is not contiguous
+        np.testing.assert_array_equal(list_set_members(rows), np.nonzero(rows))
+        np.testing.assert_array_equal(sum_figures(rows, figures), rows @ figures)
 
 
 def test_blocks_together_are_all_sums_of_the_same_candidates():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.detector import Detected, detect_in_frames
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import Traffic, simulate_continuous_traffic
 from placement_env.report.motion_content import MotionFigures
@@ -94,11 +94,10 @@ def _detect_street(
     )
     members = tuple(range(len(candidates)))
     frames = range(len(traffic))
-    # in parallel; then each frame's detections are in the memo
-    detected.outcomes([members], frames, run.stage("frames followed", len(frames)))
+    progress = run.stage("frames followed", len(frames))
     return MovingStreet(
         site=traffic.site,
         times=[snapshot.time for snapshot in traffic.snapshots],
-        detections=[detected.detections(members, k) for k in frames],
+        detections=detect_in_frames(detected, members, frames, progress),
         truths=[snapshot.objects for snapshot in traffic.snapshots],
     )

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from placement_env.candidates.candidates import NoCandidates
 from placement_env.fidelity.preparation import check_scorable
+from placement_env.fidelity.seeing import forget_stills
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover import mounted
 from placement_env.handover.ground import visible_ground
@@ -34,6 +35,7 @@ from placement_env.report.planning.question import Question
 from placement_env.report.planning.refusals import Refusal, refuse, refuse_question
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.objects import Detector
+from toolkit.rendering.renderer import body_scene
 from toolkit.runtime.parallel import return_freed_memory
 
 
@@ -95,15 +97,23 @@ def _answer(question: Question) -> content.Planned:
     question: question with few enough poses to search (`narrow_question`)."""
     searched = prepare_search(question, question.part("search"))
     entrants = search_entrants(question, searched)
-    return_freed_memory()  # searches take much
+    _free_stage()
     comparison = _compare(question, searched, entrants)
-    return_freed_memory()  # measurements of all compared sets
+    _free_stage()
     judged = _judge_choice(question, searched, entrants, comparison)
-    return_freed_memory()
+    _free_stage()
     planned = judged.planned
     candidates = searched.objectives[0].candidates
     motion = measure_motion(question, candidates, comparison.choice.members, judged.detector)
+    _free_stage()  # the report is still to be drawn
     return replace(planned, plan=replace(planned.plan, motion=motion))
+
+
+def _free_stage() -> None:
+    """Return the memory of a stage to the system, with all scenes that later stages do not need."""
+    body_scene.cache_clear()
+    forget_stills()
+    return_freed_memory()
 
 
 def _compare(question: Question, searched: PreparedSearch, entrants: Entrants) -> _Comparison:
@@ -114,6 +124,7 @@ def _compare(question: Question, searched: PreparedSearch, entrants: Entrants) -
     objectives = searched.objectives
     compared = prepare_judge(question, objectives, question.part("comparison"), compares=True)
     check_objects(question, compared.judge)
+    return_freed_memory()  # learning the background takes much
     choice = choose_set(
         objectives[0],
         entrants,

@@ -15,6 +15,7 @@ from placement_env.report.planning.judged_options import JudgedOptions
 from placement_env.search.portfolio.evaluators import race_order
 from placement_env.search.portfolio.reward_race import contest, find_finalists
 from toolkit.arrays import Int64
+from toolkit.runtime.parallel import return_freed_memory
 from toolkit.runtime.run import Run
 
 MAX_RACED_FRAMES = 60  # frames of a race
@@ -84,6 +85,7 @@ def race_sizes(options: JudgedOptions, confidence: float, run: Run) -> SizeRaces
             races.winners.append(int(best))
         else:
             race = _race_size(options, size_rows, races, confidence, run.seed)
+            return_freed_memory()  # detection leaves gaps in the heap
             winner_ap = float(race.expected[0])
         if report is not None:
             report(step)

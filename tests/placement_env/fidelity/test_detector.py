@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected, Measured
+from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected, Measured, detect_in_frames
 from placement_env.fidelity.renders import Renders
 from placement_env.protocol import Fidelity
 from toolkit.boxes import count_points
@@ -226,6 +226,21 @@ def test_hits_give_the_ap_again_and_name_objects():
     boxes = Recording()[0].objects.boxes[detected.scored(0)]
     first = detected.outcomes([(0, 1, 2, 3)], [0])[0, 1, 2, 3][0]
     assert set(first.truth[0]) <= {FALSE_ALARM, -2, *range(len(boxes))}
+
+
+def test_detections_of_several_frames_are_each_frames():
+    detected = Detected(Seen(Recording()), Guess(), "early")
+    told: list[int] = []
+    together = detect_in_frames(detected, (0, 2), [2, 0], told.append)
+    assert told == [1, 2]
+    for k, detections in zip([2, 0], together, strict=True):
+        expected = Detected(Seen(Recording()), Guess(), "early").detections((0, 2), k)
+        np.testing.assert_array_equal(detections.boxes, expected.boxes)
+        np.testing.assert_array_equal(detections.scores, expected.scores)
+    kept = len(detected.memo)
+    assert kept == 2
+    detect_in_frames(detected, (0, 2), [0, 2])
+    assert len(detected.memo) == kept
 
 
 class Nameless:

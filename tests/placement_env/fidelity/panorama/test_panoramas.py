@@ -72,6 +72,25 @@ def test_blocks_and_processes_make_no_difference(small_traffic, seen, limits):
     assert same(again(block), job(block))
 
 
+def test_a_short_look_serves_the_longer_one_after_it(small_traffic, seen, limits, monkeypatch):
+    limits(seeing, VIEW_BLOCK_FRAMES=2)
+    looked: list[int] = []
+    find_next = SuccessiveStrips.find_next
+
+    def count(*arguments):
+        looked.append(1)
+        return find_next(*arguments)
+
+    monkeypatch.setattr(SuccessiveStrips, "find_next", count)
+    first = look_round(small_traffic.part(0, 2), SENSORS, (VEHICLE,))
+    assert same(look_round(small_traffic, SENSORS, (VEHICLE,)), seen)
+    assert len(looked) == len(small_traffic)
+    assert same(look_round(small_traffic.part(0, 2), SENSORS, (VEHICLE,)), first)
+    assert len(looked) == len(small_traffic)
+    look_round(small_traffic.part(0, 2), SENSORS[:2], (VEHICLE,))
+    assert len(looked) == len(small_traffic) + 2
+
+
 def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
     other = Sensor("other", CAMERA, look((22.0, 16.0, 5.0), -2.4, 0.1))
     together = look_round(small_traffic, [other, *SENSORS[::-1]], (VEHICLE,))
