@@ -22,6 +22,7 @@ except ImportError:  # not a Unix
 UNFINISHED = ".unfinished"  # in the names of files that are, or were, being written
 WRITTEN = ".coview"  # file in folders that are ours to replace
 MAX_ATTEMPTS = 100  # at a file that other processes remove again and again
+_held_paths: set[Path] = set()  # unfinished files that blocks of this process write
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
@@ -43,9 +44,15 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
     The path has the same ending and folder. If the block raises, `path` stays as it was. Raises
     OSError, with file and reason in one line, if the disk is full or the folder cannot be written.
     unfinished: the temporary path, if it matters, on the file system of `path`; no file is made
-    before the block."""
+    before the block. A temporary path of another block is given back as it is: to rename another
+    file to it would take its lock away."""
     target = Path(os.path.realpath(path))
+    if target in _held_paths:
+        with _name_output(path):
+            yield target
+        return
     descriptor = None
+    held_path = None
     try:
         with _name_output(path):
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -53,6 +60,8 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
                 unfinished, descriptor = _take_unfinished(
                     target.parent, f".{target.name[:100]}", target.suffix
                 )
+            held_path = unfinished
+            _held_paths.add(held_path)
             yield unfinished
             with unfinished.open("rb") as file:
                 os.fsync(file.fileno())
@@ -60,6 +69,8 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
             unfinished.replace(target)
             unfinished = None  # another writer may take the name from now on
     finally:
+        if held_path is not None:
+            _held_paths.discard(held_path)
         if unfinished is not None:
             with suppress(OSError):
                 unfinished.unlink(missing_ok=True)

@@ -437,6 +437,17 @@ def test_yaml_with_few_aliases_is_read_and_json_has_no_key_twice():
         text_values.parse_json('{"a": {"b": 1, "b": 2}}')
 
 
+def test_a_whole_file_written_to_an_unfinished_one_keeps_its_lock(tmp_path):
+    path = tmp_path / "table.csv"
+    with writing.writing(path) as unfinished:
+        writing.write_text(unfinished, "first")
+        with writing.writing(path) as other:
+            assert other != unfinished
+            other.write_text("second")
+    assert path.read_text() == "first"
+    assert [each.name for each in tmp_path.iterdir()] == ["table.csv"]
+
+
 @pytest.mark.parametrize("name", ["/etc/passwd", "a/../../b", "..", "a\0b"])
 def test_file_names_in_files_stay_below_their_data_set(name):
     with pytest.raises(ValueError, match="leads out of"):
