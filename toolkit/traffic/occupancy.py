@@ -221,7 +221,7 @@ class _Sections(NamedTuple):
 
     Attributes:
         middles: x, y of each (m).
-        radius: radius of all of them (m)."""
+        radius: radius of each circle (m)."""
 
     middles: Float64[np.ndarray, "n 2"]
     radius: float
