@@ -138,7 +138,9 @@ class Occupancy:
     def is_obstructed_in_view(self, boxes: LevelBoxes, gap: float) -> Bool[np.ndarray, " n"]:
         """Mask of boxes that may be seen and touch a solid, or are within a gap (m) of a parked
         vehicle."""
-        return self.is_obstructed(boxes, gap) & self._is_near_view(boxes)
+        mask = self._is_near_view(boxes)
+        mask[mask] = self.is_obstructed(boxes[mask], gap)
+        return mask
 
     def find_blocked(
         self, boxes: Float64[np.ndarray, "n k 7"], moments: Moments, gap: float
