@@ -106,6 +106,33 @@ def test_results_of_evaluate_become_rows_of_schemes(documents, environment):
     assert row["network"] == "`site`"
 
 
+def test_results_of_stress_stand_next_to_those_with_tracks(documents, environment):
+    environment(COVIEW_FIGURES="B")
+    tables = {"late-messages": {"columns": ["", "as they arrive", "with tracks"], "rows": []}}
+    figures.FIGURES.write_text(json.dumps(tables), encoding="utf-8")
+    figures.PAGE.write_text("<!-- table late-messages -->\n<!-- end -->\n", encoding="utf-8")
+    rows = [
+        {
+            "label": "vehicle",
+            "kind": kind,
+            "level": level,
+            "judged": {"ap": ap, "low": low, "high": 1},
+        }
+        for kind, level, ap, low in [
+            ("delay", "0.1 s", 0.9, 0.8),
+            ("delay", "0.1 s, tracks", 0.95, 0.9),
+            ("loss", "30%", 0.97, 0.93),
+            ("loss", "30%, tracks", 0.99, None),
+        ]
+    ]
+    figures.record_result("T-junction", {"rows": rows}, "`site`")
+    cells = [row["cells"] for row in figures.read_tables()["late-messages"]["rows"]]
+    assert cells == [
+        ["delay 0.1 s", "0.900 (0.800–1.000)", "0.950 (0.900–1.000)"],
+        ["loss 30%", "0.970 (0.930–1.000)", "0.990"],
+    ]
+
+
 def test_results_of_other_commands_are_refused():
     with pytest.raises(ValueError, match="neither vehicles by scheme"):
         figures.record_result("T-junction", {"sensors": []}, "–")

@@ -168,8 +168,12 @@ def record_result(site: str, result: dict[str, Any], network: str) -> None:
         _record_schemes(site, rows, network)
     elif rows and rows[0].get("kind") == "mounting":
         _record_mounting(rows, network)
+    elif rows and rows[0].get("kind") in ("delay", "loss"):
+        _record_late_messages(rows, network)
     else:
-        raise ValueError("neither vehicles by scheme nor by mounting are in this result")
+        raise ValueError(
+            "neither vehicles by scheme nor by mounting, delay or loss are in this result"
+        )
 
 
 def _record_schemes(site: str, rows: Sequence[Row], network: str) -> None:
@@ -188,10 +192,20 @@ def _record_mounting(rows: Sequence[Row], network: str) -> None:
         record("mounting", level, cells, network)
 
 
+def _record_late_messages(rows: Sequence[Row], network: str) -> None:
+    """Record each delay and loss as messages arrive, next to the same with tracks."""
+    judged = {f"{row['kind']} {row['level']}": row["judged"] for row in rows}
+    for name, arrived in judged.items():
+        tracked = judged.get(f"{name}, tracks")
+        if tracked is not None:
+            cells = [_share_with_interval(arrived), _share_with_interval(tracked)]
+            record("late-messages", name, cells, network)
+
+
 def _share_with_interval(judged: dict[str, Any]) -> str:
     if judged["low"] is None:
         return f"{judged['ap']:.3f}"
-    return f"{judged['ap']:.3f} ({judged['low']:.3f} to {judged['high']:.3f})"
+    return f"{judged['ap']:.3f} ({judged['low']:.3f}–{judged['high']:.3f})"
 
 
 if __name__ == "__main__":

@@ -43,10 +43,13 @@ class Obstacles:
         """Mask of boxes that touch an obstacle, or come within half of `BODY_GAP_M` of it.
 
         A box may be under a solid that begins above its top, such as a tree's crown."""
+        is_hit = np.zeros(len(boxes), bool)
         # outlines are drawn only for boxes whose circles touch an obstacle
         radii = np.hypot(boxes[:, 3] + BODY_GAP_M, boxes[:, 4] + BODY_GAP_M) / 2
-        middles = shapely.points(boxes[:, :2])
         reach = radii.max(initial=0.0) + BODY_GAP_M
+        if not self._reach_any(boxes[:, :2], reach):
+            return is_hit
+        middles = shapely.points(boxes[:, :2])
         is_near = np.zeros(len(boxes), bool)
         is_near[self.tree.query(middles, predicate="dwithin", distance=reach)[0]] = True
         near_rows = np.flatnonzero(is_near)
@@ -56,9 +59,16 @@ class Obstacles:
         obstacles = pairs[1]
         centre_z, height = boxes[rows, 2], boxes[rows, 5]
         box_tops = centre_z + height / 2
-        is_hit = np.zeros(len(boxes), bool)
         is_hit[rows[self.bases[obstacles] < box_tops]] = True
         return is_hit
+
+    def _reach_any(self, points: Float64[np.ndarray, "n 2"], reach: float) -> bool:
+        """True if an obstacle comes within a distance (m) of the rectangle around points."""
+        if not len(points):
+            return False
+        low = points.min(axis=0) - reach
+        high = points.max(axis=0) + reach
+        return bool(len(self.tree.query(shapely.box(*low, *high))))
 
 
 def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask, int]:

@@ -11,6 +11,7 @@ from toolkit.traffic.road_lanes import VIEW_MARGIN_M, distance_to_area
 
 ROUNDING_M = 1e-6
 _FIRST_CAPACITY = 256  # bodies for which memory is set aside at first
+_STRETCH_STEPS = 128  # searched together for conflicts, the first stretch first
 
 
 class Moments(NamedTuple):
@@ -89,18 +90,43 @@ class Occupancy:
         if not len(rows):
             return None
         steps = first + rows
+        bodies = self._list_near(_bounds(boxes[rows]), int(steps[0]), int(steps[-1]))
+        for begin in range(0, len(rows), _STRETCH_STEPS):
+            stretch = slice(begin, begin + _STRETCH_STEPS)
+            is_conflict = self._find_close(boxes[rows[stretch]], steps[stretch], bodies)
+            if is_conflict.any():
+                return int(steps[stretch][np.argmax(is_conflict)])
+        return None
+
+    def _find_close(
+        self,
+        boxes: LevelBoxes,
+        steps: Int64[np.ndarray, " n"],
+        bodies: Int64[np.ndarray, " bodies"],
+    ) -> Bool[np.ndarray, " n"]:
+        """Mask of the steps at which a body comes closer to another than `BODY_GAP_M`.
+
+        Solids and parked vehicles count too.
+
+        Args:
+            boxes: Box of the body at each step.
+            steps: Steps.
+            bodies: Numbers of the others that may be near."""
+        is_close = self.is_obstructed(boxes)
         radius = _radius(boxes)
-        conflicts = [int(step) for step in steps[self.is_obstructed(boxes[rows])][:1]]
-        for body in self._list_near(_bounds(boxes[rows]), int(steps[0]), int(steps[-1])):
-            body_first = int(self._extents[body, 0])
-            body_track = self._boxes[body]
-            is_common = (steps >= body_first) & (steps < body_first + len(body_track))
-            common = steps[is_common]
-            offsets = boxes[common - first, :2] - body_track[common - body_first, :2]
-            common = common[np.square(offsets).sum(axis=1) < (radius + _radius(body_track)) ** 2]
-            is_close = are_close(boxes[common - first], body_track[common - body_first], BODY_GAP_M)
-            conflicts += common[is_close][:1].tolist()
-        return min(conflicts, default=None)
+        bounds = _bounds(boxes) + BODY_GAP_M * np.array([-1, -1, 1, 1])
+        is_near = self._mask_near(bodies, bounds, int(steps[0]), int(steps[-1]))
+        for body in bodies[is_near].tolist():
+            track = self._boxes[body]
+            offsets = steps - int(self._extents[body, 0])  # rows of its track
+            rows = np.flatnonzero((offsets >= 0) & (offsets < len(track)) & ~is_close)
+            others = track[offsets[rows]]
+            distances = np.square(boxes[rows, :2] - others[:, :2]).sum(axis=1)
+            is_open = distances < (radius + _radius(track)) ** 2
+            if is_open.any():
+                rows = rows[is_open]
+                is_close[rows] = are_close(boxes[rows], others[is_open], BODY_GAP_M)
+        return is_close
 
     def is_obstructed(self, boxes: LevelBoxes, gap: float = BODY_GAP_M) -> Bool[np.ndarray, " n"]:
         """Mask of boxes that touch a solid, or come within a gap (m) of a parked vehicle."""
@@ -112,57 +138,46 @@ class Occupancy:
     def is_obstructed_in_view(self, boxes: LevelBoxes, gap: float) -> Bool[np.ndarray, " n"]:
         """Mask of boxes that may be seen and touch a solid, or are within a gap (m) of a parked
         vehicle."""
-        return self.is_obstructed(boxes, gap) & self._is_near_view(boxes)
+        mask = self._is_near_view(boxes)
+        mask[mask] = self.is_obstructed(boxes[mask], gap)
+        return mask
 
     def find_blocked(
-        self, boxes: LevelBoxes, moments: Moments, gap: float
-    ) -> Bool[np.ndarray, "moments n"]:
+        self, boxes: Float64[np.ndarray, "n k 7"], moments: Moments, gap: float
+    ) -> Bool[np.ndarray, "moments n k"]:
         """Mask of moments and boxes at which a body is within a gap of a box.
 
         Args:
-            boxes: Boxes of one size.
+            boxes: n sections of a course, with k boxes next to each other in each, of one size.
             moments: Moments.
             gap: Gap (m)."""
-        blocked = np.zeros((moments.number, len(boxes)), np.bool_)
-        is_seen = self._is_near_view(boxes)
+        count, across = boxes.shape[:2]
+        blocked = np.zeros((moments.number, count, across), np.bool_)
+        flat_boxes = boxes.reshape(-1, 7)
+        is_seen = self._is_near_view(flat_boxes).reshape(count, across)
         steps = moments.steps
-        bounds = _bounds(boxes) + gap * np.array([-1, -1, 1, 1])
-        for body in self._list_near(bounds, int(steps[0]), int(steps[-1])):
-            body_first = int(self._extents[body, 0])
-            body_track = self._boxes[body]
-            rows = np.flatnonzero((steps >= body_first) & (steps < body_first + len(body_track)))
-            body_boxes = body_track[steps[rows] - body_first]
-            radius = np.hypot(*body_boxes[0, 3:5]) / 2
-            is_inside = (body_boxes[:, :2] > bounds[:2] - radius).all(axis=1)
-            is_inside &= (body_boxes[:, :2] < bounds[2:] + radius).all(axis=1)
+        bounds = _bounds(flat_boxes) + gap * np.array([-1, -1, 1, 1])
+        box_radius = np.hypot(*boxes[0, 0, 3:5]) / 2 + gap
+        sections = _Sections.surround(boxes, gap)
+        for body in self._list_near(bounds, int(steps[0]), int(steps[-1])).tolist():
+            track = self._boxes[body]
+            radius = np.hypot(*track[0, 3:5]) / 2
+            offsets = steps - int(self._extents[body, 0])  # rows of its track
+            rows = np.flatnonzero((offsets >= 0) & (offsets < len(track)))
+            bodies = track[offsets[rows]]
+            is_inside = (bodies[:, :2] > bounds[:2] - radius).all(axis=1)
+            is_inside &= (bodies[:, :2] < bounds[2:] + radius).all(axis=1)
             rows = rows[is_inside]
-            body_boxes = body_boxes[is_inside]
             if not len(rows):
                 continue
-            # in the frame of the body, how far a box can be away and still be close
-            box_radius = np.hypot(*boxes[0, 3:5]) / 2 + gap
-            reach = body_boxes[0, 3:5] / 2 + box_radius
-            low = body_boxes[:, :2].min(axis=0) - radius - box_radius
-            high = body_boxes[:, :2].max(axis=0) + radius + box_radius
-            is_near = is_seen & ((boxes[:, :2] > low) & (boxes[:, :2] < high)).all(axis=1)
-            near = np.flatnonzero(is_near)
-            dx = boxes[near, 0] - body_boxes[:, 0, None]
-            dy = boxes[near, 1] - body_boxes[:, 1, None]
-            cos = np.cos(body_boxes[:, 6, None])
-            sin = np.sin(body_boxes[:, 6, None])
-            ahead = np.abs(dx * cos + dy * sin)
-            aside = np.abs(dy * cos - dx * sin)
-            # a box whose middle is so near is close, whatever its yaw
-            half = (body_boxes[0, 3:5] + gap) / 2
-            inner = half + (boxes[0, 3:5].min() + gap) / 2 - ROUNDING_M
-            is_close = (ahead < inner[0]) & (aside < half[1])
-            is_close |= (ahead < half[0]) & (aside < inner[1])
-            blocked[np.ix_(rows, near)] |= is_close
-            is_open = (ahead < reach[0]) & (aside < reach[1]) & ~is_close
-            moment, column = np.nonzero(is_open)
-            box = near[column]
-            is_close = are_close(body_boxes[moment], boxes[box], gap)
-            blocked[rows[moment[is_close]], box[is_close]] = True
+            bodies = bodies[is_inside]
+            low = bodies[:, :2].min(axis=0) - radius - box_radius
+            high = bodies[:, :2].max(axis=0) + radius + box_radius
+            is_near = is_seen & ((boxes[..., :2] > low) & (boxes[..., :2] < high)).all(axis=2)
+            moment, section = sections.find_near(bodies, np.flatnonzero(is_near.any(axis=1)))
+            if len(moment):
+                is_close = _mask_close(bodies[moment], boxes[section], gap) & is_near[section]
+                blocked[rows[moment], section] |= is_close
         return blocked
 
     def _list_seen(self, boxes: LevelBoxes, first: int) -> Int64[np.ndarray, " k"]:
@@ -176,16 +191,62 @@ class Occupancy:
         # a corner of the view is a diagonal of the margin away from the area
         return distance_to_area(boxes[:, :2], self._area) <= np.sqrt(2) * VIEW_MARGIN_M + radius
 
-    def _list_near(self, bounds: Float64[np.ndarray, "4"], begin: int, end: int) -> list[int]:
+    def _list_near(
+        self, bounds: Float64[np.ndarray, "4"], begin: int, end: int
+    ) -> Int64[np.ndarray, " k"]:
         """Numbers of the bodies that may come within bounds at a step from `begin` to `end`.
 
         bounds: xmin, ymin, xmax, ymax (m)."""
+        bodies = np.arange(len(self._boxes))
+        return bodies[self._mask_near(bodies, bounds, begin, end)]
+
+    def _mask_near(
+        self,
+        bodies: Int64[np.ndarray, " n"],
+        bounds: Float64[np.ndarray, "4"],
+        begin: int,
+        end: int,
+    ) -> Bool[np.ndarray, " n"]:
+        """Mask of bodies that may come within bounds at a step from `begin` to `end`.
+
+        bodies: their numbers; bounds: xmin, ymin, xmax, ymax (m)."""
         # a row for each body: first and last step, xmin, ymin, xmax, ymax
-        extents = self._extents[: len(self._boxes)]
+        extents = self._extents[bodies]
         is_near = (extents[:, 0] <= end) & (extents[:, 1] >= begin)
         is_near &= (extents[:, 2:4] <= bounds[2:] + BODY_GAP_M).all(axis=1)
         is_near &= (extents[:, 4:] >= bounds[:2] - BODY_GAP_M).all(axis=1)
-        return np.flatnonzero(is_near).tolist()
+        return is_near
+
+
+class _Sections(NamedTuple):
+    """Circles around the sections of a course.
+
+    Attributes:
+        middles: x, y of each (m).
+        radius: radius of each circle (m)."""
+
+    middles: Float64[np.ndarray, "n 2"]
+    radius: float
+
+    @staticmethod
+    def surround(boxes: Float64[np.ndarray, "n k 7"], gap: float) -> "_Sections":
+        """Circles that hold all within a gap (m) of the k boxes of each section."""
+        low = boxes[:, :, :2].min(axis=1)
+        high = boxes[:, :, :2].max(axis=1)
+        spread = np.hypot(*(high - low).T).max() / 2
+        # a little more, so that rounding leaves nothing out
+        radius = spread + np.hypot(*boxes[0, 0, 3:5]) / 2 + 1.5 * gap + ROUNDING_M
+        return _Sections((low + high) / 2, float(radius))
+
+    def find_near(
+        self, bodies: LevelBoxes, sections: Int64[np.ndarray, " n"]
+    ) -> tuple[Int64[np.ndarray, " pairs"], Int64[np.ndarray, " pairs"]]:
+        """Rows of bodies of one size, and which of some sections each may be within the gap of."""
+        reach = self.radius + np.hypot(*bodies[0, 3:5]) / 2
+        dx = self.middles[sections, 0] - bodies[:, 0, None]
+        dy = self.middles[sections, 1] - bodies[:, 1, None]
+        row, column = np.nonzero(dx * dx + dy * dy < reach * reach)
+        return row, sections[column]
 
 
 def size_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]) -> LevelBoxes:
@@ -193,6 +254,33 @@ def size_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]
 
     poses: x, y (m), yaw (rad); size: length, width, height (m)."""
     return place_boxes(poses, np.tile(size, (len(poses), 1)))
+
+
+def _mask_close(
+    bodies: LevelBoxes, boxes: Float64[np.ndarray, "n k 7"], gap: float
+) -> Bool[np.ndarray, "n k"]:
+    """Mask of boxes within a gap (m) of a body.
+
+    bodies: n boxes of one size; boxes: k of another size to compare with each."""
+    dx = boxes[:, :, 0] - bodies[:, 0, None]
+    dy = boxes[:, :, 1] - bodies[:, 1, None]
+    cos = np.cos(bodies[:, 6, None])
+    sin = np.sin(bodies[:, 6, None])
+    # in the frame of the body
+    ahead = np.abs(dx * cos + dy * sin)
+    aside = np.abs(dy * cos - dx * sin)
+    length, width = boxes[0, 0, 3:5]
+    # a box whose middle is so near is close, whatever its yaw
+    half = (bodies[0, 3:5] + gap) / 2
+    inner = half + (min(length, width) + gap) / 2 - ROUNDING_M
+    is_close = (ahead < inner[0]) & (aside < half[1])
+    is_close |= (ahead < half[0]) & (aside < inner[1])
+    # how far away it can be and still be close
+    reach = bodies[0, 3:5] / 2 + np.hypot(length, width) / 2 + gap
+    is_open = (ahead < reach[0]) & (aside < reach[1]) & ~is_close
+    row, column = np.nonzero(is_open)
+    is_close[row, column] = are_close(bodies[row], boxes[row, column], gap)
+    return is_close
 
 
 def _radius(boxes: LevelBoxes) -> float:

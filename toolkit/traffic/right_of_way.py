@@ -165,15 +165,17 @@ def _plan_window(
     if not len(rows):
         return None
     asides = ASIDE_SPACING_M * np.arange(-side_lines, side_lines + 1)
-    offsets = np.repeat(asides, len(rows))
-    poses = _shift(course, np.tile(rows, len(asides)), offsets)
+    poses = _shift(course, np.repeat(rows, len(asides)), np.tile(asides, len(rows)))
     boxes = size_boxes(poses, course.size)
+    shape = (len(rows), len(asides))
     margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
-    shape = (window.number, len(asides), len(rows))
-    blocked = occupancy.find_blocked(boxes, window, limits.gap).reshape(shape)
-    blocked = _widen(blocked, margin + ceil(limits.headway / STRIDE))
+    # by moment, line and row
+    blocked = occupancy.find_blocked(boxes.reshape(*shape, 7), window, limits.gap).transpose(
+        0, 2, 1
+    )
+    blocked = _widen(np.ascontiguousarray(blocked), margin + ceil(limits.headway / STRIDE))
     is_crossed = np.any(blocked, axis=0)
-    is_obstructed = occupancy.is_obstructed_in_view(boxes, limits.gap).reshape(shape[1:])
+    is_obstructed = occupancy.is_obstructed_in_view(boxes, limits.gap).reshape(shape).T
     blocked |= _widen(is_obstructed.T, margin).T
     moves = _find_moves(blocked, is_crossed, start_line + side_lines)
     if moves is None:
@@ -268,7 +270,7 @@ def _find_moves(
             np.minimum(cheapest, aside[2:], out=cheapest)
         inside = now[:, : min(reached, rows)]
         inside += offset_costs
-        inside[blocked[moment, :, : inside.shape[1]]] = np.inf
+        np.copyto(inside, np.inf, where=blocked[moment, :, : inside.shape[1]])
         if now[:, -1].min() <= inside.min():  # nothing better can follow, or nothing at all
             break
     end = int(now.argmin())

@@ -4,7 +4,9 @@ Nobody appears or vanishes inside the view: who comes in at a gate leaves at ano
 way when the recording begins or ends. SUMO moves points along the middles of lanes; `move_driver`
 and `move_pedestrian` turn them into the motion of bodies."""
 
-from collections.abc import Callable, Mapping
+import warnings
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import NamedTuple
@@ -21,6 +23,7 @@ from toolkit.traffic.body_motion import (
     shift_left,
     smooth_direction,
 )
+from toolkit.traffic.detours import send_round
 from toolkit.traffic.flow import ROAD_USER_KINDS, Flow
 from toolkit.traffic.gates import Gates, Passage
 from toolkit.traffic.road_lanes import Roads
@@ -31,6 +34,8 @@ WARM_UP_S = 150.0  # before the first frame, so that the roads are as full as th
 MAX_STRIPE_SHIFT_M = 0.3  # sideways, of a pedestrian from the middle of its stripe
 GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # pedestrians with 0, 1, 2, 3 companions
 COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next to each other
+MAX_QUEUE = 10  # road users who wait to come in at an entry, without a warning
+STEPS_BETWEEN_DETOURS = 10  # stuck drivers are looked for once a second
 LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "pedestrian": (PEDESTRIAN,)}
 
 
@@ -129,13 +134,30 @@ def simulate_ways(
             demand.add_due(flow, courses)
             sumo.simulationStep()
             _record(sumo, step, courses)
+            if step % STEPS_BETWEEN_DETOURS == 0:
+                send_round(sumo, demand.roads)
             if progress is not None and step >= 0 and step % 10 == 0:
                 progress(step // 10)
+    _warn_of_queues(courses.values())
     ways = []
     for course in courses.values():
         if course.points:
             ways += _make_ways(course, supply)
     return ways
+
+
+def _warn_of_queues(courses: Collection[_Course]) -> None:
+    """Warn of entries at which more than `MAX_QUEUE` road users wait to come in at the end."""
+    users = Counter(course.traveller.entry for course in courses)
+    waiting = Counter(course.traveller.entry for course in courses if not course.points)
+    for entry, count in waiting.items():
+        if count > MAX_QUEUE:
+            warnings.warn(
+                f"more road users are to come in at {entry!r} than its road takes: {count} of "
+                f"{users[entry]} still waited outside at the end, so lower per_hour of this entry "
+                "in the flow",
+                stacklevel=3,
+            )
 
 
 def _describe_types(supply: Supply) -> str:
@@ -174,13 +196,17 @@ class _Demand:
     Args:
         sumo: libsumo module with a running simulation.
         site: Site of the network.
-        supply: Gives bodies, ids and random numbers."""
+        supply: Gives bodies, ids and random numbers.
+
+    Attributes:
+        roads: Lanes of the network."""
 
     def __init__(self, sumo: ModuleType, site: Site, supply: Supply) -> None:
         """Find the passages that each SUMO class may take."""
         self._sumo = sumo
         self._supply = supply
-        gates = Gates(sumo, site, Roads.read(sumo))
+        self.roads = Roads.read(sumo)
+        gates = Gates(sumo, site, self.roads)
         # by SUMO class: passages by names of entry and exit
         self._passages: dict[str, dict[tuple[str, str], Passage]] = {}
         for row, vehicle_class in enumerate(supply.classes):

@@ -6,12 +6,13 @@
 No rays are cast: each road user is missed, hidden and displaced as measured on recordings with rays
 (`SIGHTINGS`), and false alarms come and go. The road users are tracked, counted and searched for
 conflicts as `coview count` and `coview conflicts` do, and compared with the truth. `--busier` is a
-factor of the drawn demand.
+factor of the drawn demand. Times are of the processor.
 """
 
 import argparse
 from collections.abc import Sequence
 from itertools import pairwise
+from time import process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -89,13 +90,17 @@ class Outcome(NamedTuple):
         seed: seed of traffic and errors.
         counts: counts by tracks.
         truth: true counts.
-        matches: conflicts found and true."""
+        matches: conflicts found and true.
+        simulation_s: time that the traffic took.
+        tracking_s: time that the tracks took."""
 
     site: str
     seed: int
     counts: StreetCounts
     truth: StreetCounts
     matches: ConflictMatches
+    simulation_s: float
+    tracking_s: float
 
 
 def main() -> None:
@@ -123,10 +128,14 @@ def count_hour(name: str, seed: int, hours: float, busier: float) -> Outcome:
     movements = [
         movement._replace(per_hour=busier * movement.per_hour) for movement in drawn.movements
     ]
+    began = process_time()
     street = simulate_street(name, demand, Flow(tuple(movements)), hidden=True)
+    simulation_s = process_time() - began
     assert street.true is not None
     frames = detect(street.true, street.times, street.site, np.random.default_rng([seed, 9]))
+    began = process_time()
     tracks = smooth_tracks(frames, street.times, street.site.area.tolist())
+    tracking_s = process_time() - began
     measured = join_fragments(collect_trajectories(tracks, street.times))
     arms = find_arms(street.site)
     found, true = (
@@ -139,6 +148,8 @@ def count_hour(name: str, seed: int, hours: float, busier: float) -> Outcome:
         count_street(measured, street.site, arms, street.times),
         count_street(street.true, street.site, arms, street.times),
         match_conflicts(found, true, max_pet=MAX_PET_S, tolerance=PET_TOLERANCE_S),
+        simulation_s=simulation_s,
+        tracking_s=tracking_s,
     )
 
 
@@ -218,8 +229,10 @@ def draw_false_alarms(count: int, site: Site, rng: np.random.Generator) -> False
 
 
 def print_counts(outcome: Outcome) -> None:
-    """Print totals, the worst movement and mean speeds of an hour."""
+    """Print totals, the worst movement, mean speeds and times of an hour."""
     name = f"{outcome.site}, {outcome.seed}"
+    print_row(name, "traffic, s", "", f"{outcome.simulation_s:.0f}", "", "")
+    print_row(name, "tracking, s", f"{outcome.tracking_s:.0f}", "", "", "")
     for group, labels in GROUPS.items():
         count = outcome.counts.total(*labels)
         true = outcome.truth.total(*labels)

@@ -118,7 +118,7 @@ def test_taken_places_are_those_that_shapely_finds(occupancy):
     )
     boxes = size_boxes(poses, PERSON)
     moments = Moments(0, 4, 20)
-    taken = occupancy.find_blocked(boxes, moments, 0.0)
+    taken = occupancy.find_blocked(boxes.reshape(40, 5, 7), moments, 0.0).reshape(20, 200)
     shapes = shapely.polygons(footprints(boxes))
     for moment, step in enumerate(moments.steps.tolist()):
         if 5 <= step < 75:
