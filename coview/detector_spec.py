@@ -52,10 +52,12 @@ class DetectorSpec:
     def from_name(name: str) -> "DetectorSpec":
         """Parse a detector's name; text that is no known suffix belongs to the base.
 
-        Suffixes may ask for background subtraction, test-time grid shifts and number formats."""
+        Suffixes may ask for background subtraction, test-time shifts of the grid (phases) and
+        number formats."""
         match = _SUFFIXES.fullmatch(name)
         base, suffixes = match.groups() if match else (name, "")
         background = None
+        # each suffix begins with + or -, so that none is a part of another
         if _BACKGROUND in suffixes:
             background = True
         elif _NO_BACKGROUND in suffixes:

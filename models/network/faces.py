@@ -91,10 +91,12 @@ class _FaceRows(NamedTuple):
     points: Int64[np.ndarray, " m"]
 
 
-def _build_network(counts: int) -> nn.Sequential:
-    """Network from features, with this number of point counts, to a shift and its log error."""
+def _build_network(count_features: int) -> nn.Sequential:
+    """Network from the features of a face to its shift and the logarithm of the shift's error.
+
+    count_features: number of features that count points; some others follow them."""
     return nn.Sequential(
-        nn.Linear(counts + _EXTRA_FEATURES, HIDDEN_WIDTH),
+        nn.Linear(count_features + _EXTRA_FEATURES, HIDDEN_WIDTH),
         nn.ReLU(),
         nn.Linear(HIDDEN_WIDTH, HIDDEN_WIDTH),
         nn.ReLU(),

@@ -161,12 +161,14 @@ class FoldedRegionProposal(nn.Module):
         rpn: region proposal network; input_order: order of the first block's input channels, None
         for the usual one."""
         super().__init__()
-        self.order = rpn.order
+        self.order = rpn.order  # for each block the indices of its layers as they run
         rpn_blocks: Any = rpn.blocks
         blocks = [list(map(_fold_layer, block)) for block in rpn_blocks]
         if input_order is not None:
             blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
         self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
+        # all up to the 3x3 convolution of the head is linear and can be folded, if the maps are put
+        # side by side; maps that are added, or a head without it, are joined as in training
         self.join: PlainJoin | LinearHead
         if rpn.add or head.conv3x3 is None:
             self.join = PlainJoin(rpn, head)
@@ -183,7 +185,9 @@ class FoldedRegionProposal(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> "ClassifiedCells":
-        """Class maps of the head, and what its other maps are computed from."""
+        """Class maps of the head, and what its other maps are computed from.
+
+        A block's layers run in its `order` of indices, in which one may come twice."""
         block_maps = []
         x = x.to(self.classes.weight.dtype)
         for block, order in zip(self.blocks, self.order, strict=True):
@@ -603,7 +607,7 @@ class SparseConvolution(nn.Module):
         super().__init__()
         # lowest input level of each output level, below 0 in the padding
         self.first = [level * stride - padding for level in range(empty.shape[1])]
-        # from (output, input, and taps along z, x and y)
+        # from (output, input, z taps, x taps, y taps) to (z taps, input, x taps · y taps · output)
         self.register_buffer("weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous())
         self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())
 

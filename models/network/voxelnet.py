@@ -322,6 +322,7 @@ class RegionProposal(nn.Module):
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
         """Make the three blocks and the join of their maps. inputs: channels of the input."""
         super().__init__()
+        # for each block the indices of its layers as they run, perhaps one twice; 0 has stride 2
         self.order = config.rpn_layers
         self.add = config.upsample == "add"
         widths = config.rpn_widths
@@ -329,7 +330,7 @@ class RegionProposal(nn.Module):
         self.blocks = nn.ModuleList()
         for block_inputs, width, order in zip((inputs, *widths), widths, self.order, strict=False):
             layers = [conv_norm_relu(nn.Conv2d(block_inputs, width, 3, stride=2, padding=1))]
-            for _ in range(max(order)):
+            for _ in range(max(order)):  # the indices go from 0 to the largest
                 layers.append(conv_norm_relu(nn.Conv2d(width, width, 3, stride=1, padding=1)))
             self.blocks.append(nn.ModuleList(layers))
         # kernel, stride and padding for the map of each block

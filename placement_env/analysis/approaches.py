@@ -213,7 +213,8 @@ def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
 def _find_chain(name: str, edge_ends: dict[str, tuple[str, str]], junctions: set[str]) -> list[str]:
     """Names of an edge and the edges before it, back to a junction or a dead end.
 
-    Circles have a junction, so the walk ends.
+    The walk never goes round a circle: the node at which it would enter one has three neighbours,
+    and is a junction.
 
     Args:
         name: Name of the edge, with which the result begins.

@@ -306,11 +306,12 @@ def find_room(
     width = scenario.width  # the slots from here on are empty
     has_room = scenario.usable & ~chosen
     candidates = objective.candidates
-    loads = objective.shared_links
-    if loads is not None:  # sensors on one mount share its link
+    loads = objective.shared_links  # kbit per frame of each candidate, None if no link is shared
+    if loads is not None:
+        # room on links and on mounts
         has_room[:, :width] &= room_beside(candidates, chosen[:, :width], loads)
         return has_room
-    # number of sensors on each mount in each set
+    # only the places on mounts limit: number of sensors on each mount in each set
     sensor_count = np.zeros((len(chosen), len(candidates.mounts)), np.int64)
     row, slot = chosen[:, :width].nonzero()
     np.add.at(sensor_count, (row, candidates.mount[slot]), 1)

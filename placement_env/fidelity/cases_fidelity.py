@@ -60,12 +60,13 @@ class CasesFidelity:
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """AP and recall of each set for each class over all cases, and kbit of the set.
 
-        Each class has its worst failure and level; the worst error profile is the one of all
-        classes together."""
+        Failures of sensors and levels of traffic are the worst for each class alone. The error
+        profile is the worst for the AP of all classes together, if the cases ask for the worst."""
+        # rows: sets that a fidelity of one case scores
         by_profile = self._score_at_profiles(
             subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows)
         )
-        # AP of all classes together, by which the worst profile is chosen
+        # AP of all classes together, by which the worst profile gets all weight
         combined_ap = [estimates.combined(self.classes).ap for estimates in by_profile]
         return ClassEstimates(*self._average_over_profiles(by_profile, combined_ap))
 

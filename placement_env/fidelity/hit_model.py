@@ -244,6 +244,7 @@ class HitModel:
         np.divide(self.ceiling, z, out=z)
         z *= powers > 0  # 0 without any point
         if raw is not None and self.floor > 0:
+            # r / floor, in which raw is r ^ norm
             z *= np.minimum(1, (raw / self.floor**self.norm) ** (1 / self.norm))
         return z
 

@@ -181,7 +181,7 @@ def blind_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
 
     The legend has the area of each kind.
 
-    Raises ValueError for a ground of other sensors."""
+    Raises ValueError if `ground` was computed for other sensors than `sensors`."""
     is_blind = ground.open_ground & (ground.views == 0)
     # index into `palette.BLIND`: lanes, footways, elsewhere
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))

@@ -35,7 +35,8 @@ def umbrella(height: float) -> Mesh:
 def pushchair(height: float) -> Mesh:
     """Mesh of a pushchair with a child, about 0.9 m ahead of the person pushing.
 
-    height: as for other burdens; the pushchair does not depend on it."""
+    height: height of the person (m), not used; every function for what people carry or push takes
+    it."""
     wheels = [
         make_wheel(x, y, radius=0.11, breadth=0.05, sides=10)
         for x in (0.62, 1.15)

@@ -173,10 +173,10 @@ class _LagWatch:
         self._reported_s = 0.0
 
     def look(self, now_s: float) -> list[LagEvent]:
-        """Return an event when the clock was first set back, and when that has doubled.
+        """Return an event when the clock was first set back, and whenever the sum has doubled.
 
         now_s: time of the clock (s)."""
-        set_back_s = self._pumps.set_back_s
+        set_back_s = self._pumps.set_back_s  # in all since the start
         if set_back_s < 2 * self._reported_s or not set_back_s:
             return []
         self._reported_s = set_back_s

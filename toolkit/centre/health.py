@@ -33,7 +33,7 @@ class HealthLog:
     Attributes:
         frames: Number of frames so far.
         times: Latency and stages of the newest frames.
-        named: Numbers of faults that began, by sensor and fault.
+        fault_counts: Numbers of faults that began, by sensor and fault.
     """
 
     def __init__(self, path: Path | None, every_s: float = HEALTH_EVERY_S) -> None:
@@ -44,7 +44,7 @@ class HealthLog:
             raise ValueError(f"health lines need more than 0 s between them, got {every_s:g}")
         self.frames = 0
         self.times = StageTimes()
-        self.named: Counter[str] = Counter()
+        self.fault_counts: Counter[str] = Counter()
         self._recent = StageTimes()
         self._every_s = every_s
         self._next_s: float | None = None
@@ -63,7 +63,7 @@ class HealthLog:
     def add_event(self, event: CentreEvent) -> None:
         """Count a fault that began."""
         if isinstance(event, FaultEvent) and event.fault is not None:
-            self.named[f"{event.sensor} {event.fault.value}"] += 1
+            self.fault_counts[f"{event.sensor} {event.fault.value}"] += 1
 
     def write_line(
         self, now_s: float, faults: Mapping[str, Fault], left_out: LeftOut, *, is_last: bool = False
@@ -92,7 +92,7 @@ class HealthLog:
         """Return the figures of the run: frames, faults that began, times and memory."""
         return {
             "frames": self.frames,
-            "faults": dict(self.named),
+            "faults": dict(self.fault_counts),
             "ms": self.times.summarise(),
             "memory_mb": read_memory_mb(),
         }

@@ -74,6 +74,7 @@ def share_on_boxes(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_s
     for points, table in zip(clouds, rows, strict=True):
         if not len(points) or not len(table):
             continue
+        # boxes in the site's frame, as the points are
         objects = published.parse_rows(table, map_SE3_site)
         centres = objects.boxes[:, :3]
         sizes = objects.boxes[:, 3:6]  # length, width, height

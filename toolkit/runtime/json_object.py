@@ -114,7 +114,8 @@ class JsonObject:
     def angle(self, key: str) -> float:
         """Return a member in degrees as radians.
 
-        Raises ValueError, which names its place, for no number or one beyond `_MAX_TURN_DEG`."""
+        Raises ValueError that names the member if it is not a number, or farther than
+        `_MAX_TURN_DEG` from 0."""
         value = self.number(key)
         if abs(value) > _MAX_TURN_DEG:
             raise ValueError(

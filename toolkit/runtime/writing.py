@@ -99,12 +99,13 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 def writing_folder(folder: str | Path) -> Iterator[Path]:
     """Give the block a folder that replaces `folder` at the end.
 
-    `check_new_folder` says whether it may. If the block raises, `folder` stays as it was. Raises
-    OSError, with file and reason in one line, if the disk is full or the folder cannot be written,
-    and while another process writes it."""
+    Call `check_new_folder` first, which refuses a folder that may not be replaced. If the block
+    raises, `folder` stays as it was. Raises OSError, with file and reason in one line, if the disk
+    is full or the folder cannot be written, and while another process writes it."""
     target = Path(os.path.realpath(folder))
     try:
         with _aside(target, inside=target.exists()) as (_, unfinished):
+            # names are numbered from 0; a living process holds the one with 0
             if not unfinished.name.endswith(f".0{UNFINISHED}"):
                 raise FileExistsError(
                     f"another run is writing to {folder}: wait for it, or stop it"

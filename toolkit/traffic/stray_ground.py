@@ -46,11 +46,14 @@ class StrayGround:
         return StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
 
     def add_vehicles(self, boxes: np.ndarray) -> "StrayGround":
-        """Return the ground with the edges of vehicles too, repeated to make about a third of all.
+        """Return the ground of solids with the edges of vehicles too.
+
+        The vehicles' edges are repeated until they are half as many as the solids', so that about
+        one stray in three that stands at an edge stands at a vehicle.
 
         boxes: (n, 7) box of each vehicle."""
         vehicle_edges = outward_edges(shapely.polygons(footprints(boxes)))
-        # half as many as the edges of solids, rounded down to whole repeats
+        # whole repeats, rounded down; `self.edges` are those of solids
         repeats = max(1, len(self.edges) // max(1, 2 * len(vehicle_edges)))
         edges = np.concatenate([self.edges, np.tile(vehicle_edges, (repeats, 1))])
         return replace(self, edges=edges)

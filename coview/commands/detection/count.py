@@ -207,7 +207,7 @@ def _list_totals(counted: _CountedStreet) -> list[StreetRow]:
 
 
 def _describe(result: StreetRow) -> str:
-    """Text of counts: totals, then movements."""
+    """Text of counts: totals, then movements, then the same of a stretch recorded with rays."""
     lines = [f"{result['site']}: {result['seconds']:.0f} s, counted by {result['counted']}"]
     for row in result["totals"]:
         lines.append(_describe_total(row))

@@ -70,7 +70,7 @@ class PlanScene:
 def build_plan_scene(
     plan: Plan, site: Site, ground: GroundGrid | None, moments: Sequence[SceneMoment]
 ) -> PlanScene:
-    """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`.
+    """Build the scene of a plan: site, sensors and their views, visible ground, and frames.
 
     site: site with the chosen sensors; ground: ground that they see, None to draw none; moments:
     frames of traffic; the scene opens with the first."""
@@ -87,7 +87,7 @@ def build_plan_scene(
         xmin, ymin, xmax, ymax = site.area.tolist()
         scene.show_area(server, (xmin, ymin, xmax, ymax))
         html = scene.scene_html(server)
-    # some nodes may be missing; hiding them does nothing
+    # the page shows the nodes of one frame and hides the others; to hide a missing one does nothing
     frame_nodes = []
     for frame in range(len(moments)):
         nodes = [f"/sensors/{index}/points {frame}" for index in range(len(plan.sensors))]

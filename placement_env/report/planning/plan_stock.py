@@ -224,7 +224,7 @@ def _read_catalogue(
     Args:
         node: `catalogue` of the stock.
         models: All models of the stock.
-        head: Title, client, author and date."""
+        head: Title, client, author and date of the report."""
     if not all(stock_model.is_priced for stock_model in models):
         raise ValueError(
             "stock.models must all have a price where there is a catalogue: the file is damaged"

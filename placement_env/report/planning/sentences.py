@@ -362,6 +362,7 @@ def _list_stock_limits(question: Question) -> list[str]:
             f"{question.currency or 'its unit'}."
         )
     if stock.only:  # names of the poses that were searched, empty for all
+        # number of frames of the search, by default the usual one
         search_frames = question.part("search").frames_or(PART_FRAMES["search"])
         lines.append(
             f"The poles offer more poses than can be searched: the {len(stock.only):,} that see "

@@ -226,7 +226,8 @@ class RangeImages(Parameters):
     ) -> Float64[np.ndarray, "*shape"]:
         """Estimate the bits of messages; actual bits depend on their content.
 
-        points, boxes: numbers of points and boxes in all messages; messages: number of messages.
+        points, boxes: numbers of points and boxes in all messages, where each point is a pixel of a
+        range image; messages: number of messages.
         Arrays are broadcast."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD_BYTES)

@@ -67,13 +67,6 @@ _RESTRICTED = {
     "motorcycle": "motorcycle moped",
     "pedestrian": FOOT,
 }
-_UNKNOWN_TO_TRAFFIC = (
-    "simulator",
-    "autonomousTraffic",
-    "autonomous traffic",
-    "throughTraffic",
-    "HOV",
-)
 
 Side = Literal["left", "right"]
 
@@ -166,7 +159,8 @@ def _apply_access(
     """Users who may use a lane by the access rules of one place, in SUMO's words.
 
     users: usual for the lane; rules: <access> elements; problems: differences from the map are
-    counted there. A rule that allows some users closes the lane to all others."""
+    counted there. A rule that allows some users closes the lane to all others, even if it is for
+    users whom traffic does not have."""
     allowed_users: set[str] = set()
     denied_users: set[str] = set()
     is_exclusive = False  # a rule allows some users
@@ -179,7 +173,7 @@ def _apply_access(
             problems["<access> rules without allow or deny count as deny"] += 1
         for name in names:
             is_exclusive = is_exclusive or allows
-            if name in _UNKNOWN_TO_TRAFFIC or name not in _RESTRICTED:
+            if name not in _RESTRICTED:
                 problems[f"<access> rules are for {str(name)[:30]!r}, which is not simulated"] += 1
                 continue
             named_users = allowed_users if allows else denied_users

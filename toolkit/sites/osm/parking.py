@@ -132,9 +132,9 @@ def find_parking(
             continue
         line = shapely.LineString(way.line)
         if line.intersects(window):
-            left = _read_angle(way.tags, "left")
-            right = _read_angle(way.tags, "right")
-            near_roads.append(ParkingRoad(line, left, right))
+            left_angle = _read_angle(way.tags, "left")  # of the bays to the road, if it has any
+            right_angle = _read_angle(way.tags, "right")
+            near_roads.append(ParkingRoad(line, left_angle, right_angle))
     near_areas = []  # shape, and angle of the bays to the road (degrees)
     for shape, tags in extract.areas:
         if _is_next_to_road(tags) and shape.intersects(window):

@@ -113,10 +113,11 @@ def _move_lane(connection: ElementTree.Element, end: str, first_lanes: Mapping[s
 
 
 def _add_strips(edge: ElementTree.Element, sides: Sides) -> int:
-    """Give an edge its strips, in place; return the number of the first lane that moves.
+    """Give an edge its parking strips, in place; return the first index of a lane that changed.
 
-    The kerb's strip comes before the first lane for cars, between footway and lanes. Without it no
-    lane moves, and the number is beyond them all. sides: angles of parking on both sides."""
+    The kerb's strip comes between the footways and the first lane for cars, the inner one after the
+    last lane. Without a kerb's strip no index changes, and the number of lanes is returned. sides:
+    angles of parking on both sides."""
     lanes = edge.findall("lane")
     if not lanes:
         lanes = [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
