@@ -233,10 +233,13 @@ class Refining:
         views_are_missing = True  # using the page may make some missing again
         tidied_at_s = time.monotonic()
         while not self._jobs.closed:
+            # figures of the sensors that are shown; None while they are computed
             answer = self._find_answer()
+            # the page was used again some time after memory was handed back
             if self._jobs.touched > tidied_at_s + TIDY_S:
                 tidied_at_s = time.monotonic()
                 return_freed_memory()
+            # a short pause is enough to refine coarse views that are shown
             quiet_s = QUIET_S if answer is not None and answer.coarse else CALM_S
             if answer is None or not views_are_missing or not self._jobs.is_quiet(quiet_s):
                 time.sleep(0.1)
@@ -244,6 +247,7 @@ class Refining:
                 continue
             views_are_missing = self._planner.refine(self._is_in_use)
             time.sleep(0.01)  # lets other threads cast rays
+            # coarse figures are shown, and exact ones can now be
             if answer.coarse and not self._planner.coarse:
                 self._jobs.do(self._show_refined)
 

@@ -181,8 +181,8 @@ def _value_words(argument: Any) -> str:
     """Words for the values that an option takes, such as "2 numbers".
 
     The parser writes them as the option's metavar: `{None}|{FLOAT FLOAT}` for two numbers or none,
-    `[STR [STR ...]]` for several texts. Without words of `_KINDS` the metavar itself is returned,
-    without `{None}|` and outer braces."""
+    `[STR [STR ...]]` for several texts. Without words of `_KINDS`, and with several kinds or other
+    words in capitals, the metavar itself is returned, without `{None}|` and outer braces."""
     metavar = str(argument.lowered.metavar).replace("{None}|", "")
     if metavar.startswith("{") and metavar.endswith("}") and "|" not in metavar:
         metavar = metavar[1:-1]

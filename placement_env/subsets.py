@@ -118,7 +118,7 @@ class MemberSums:
 
         Each pair is a slice of the sets and the sums of its sets. Raises ValueError unless sets are
         rows of one boolean for each candidate."""
-        candidates = len(self.rows)
+        candidates = len(self.rows)  # a row of figures each
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
             rule = f"sets must be rows of {candidates} booleans, one for each candidate"
             raise ValueError(f"{rule}, got {subsets.dtype} {subsets.shape}")

@@ -213,8 +213,8 @@ def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
 def _find_chain(name: str, edge_ends: dict[str, tuple[str, str]], junctions: set[str]) -> list[str]:
     """Names of an edge and the edges before it, back to a junction or a dead end.
 
-    The walk never goes round a circle: the node at which it would enter one has three neighbours,
-    and is a junction.
+    The walk never goes round a circle: it begins at an edge that ends at a junction, and the node
+    at which it would enter a circle has three neighbours, so is a junction.
 
     Args:
         name: Name of the edge, with which the result begins.

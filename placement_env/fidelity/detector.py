@@ -430,7 +430,7 @@ def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[b
 
     It may run in another process than its caller.
 
-    detected: Fidelity with the measurements, detector, scheme, codec and cache."""
+    detected: Score by detections, with the measurements, detector, scheme, codec and cache."""
     _limit_threads(detected)
     frame = _FrameDetections(detected, task.k)
     frame.fuse_together(task.sets)

@@ -93,7 +93,8 @@ def choose_quick(
     """Mask of the sensors whose view comes from panoramas rather than from casting all their rays.
 
     Panoramas have no limited range, so only sensors qualify that measure all of the detection area,
-    to its farthest corner and `RANGE_MARGIN_M` above and below all objects.
+    to its farthest corner, and from `RANGE_MARGIN_M` below the middle of the lowest object to that
+    above the middle of the highest one, or to the site's highest solid.
 
     Args:
         sensors: Sensors to choose from.

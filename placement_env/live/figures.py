@@ -406,6 +406,7 @@ class Meter:
         setting = self.preparation.setting
         # axes: sensor, frame; failed sensors send nothing
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]
+        # only points count against the capacity of a link
         return measure_links(
             candidates, kbit, setting.link_share, limited=setting.fusion.sends_points
         )

@@ -140,7 +140,7 @@ def coverage_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> s
 
     The legend has the share of open ground of each number.
 
-    Raises ValueError for a ground of other sensors."""
+    Raises ValueError if `ground` was computed for other sensors than `sensors`."""
     views = np.minimum(ground.views, 3)  # number of sensors; index into `names` and the colours
     open_views = views[ground.open_ground]
     names = ("no sensor", "1 sensor", "2 sensors", "3 or more")

@@ -103,8 +103,8 @@ def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -
     Args:
         score_poses: Exact scorer, by rays; None is its score of a set that may not be built.
         start: Sensors before they were moved.
-        result: Result with the moved sensors, scored in panoramas. Its score stays if neither set
-            may be built."""
+        result: Result with the moved sensors, scored in panoramas. If neither set may be built, the
+            start's sensors come back with this score."""
     start_score, moved_score = score_poses([start.sensors, result.sensors])
     if moved_score is None or (
         start_score is not None and start_score.reward >= moved_score.reward

@@ -40,9 +40,11 @@ class NetworkLidar:
     def make_message(self, columns: Mapping[str, np.ndarray], start_s: float) -> SensorMessage:
         """Return a turn as a message, which arrives with its last point.
 
-        columns: positions (n, 3; m), intensity, ring and time_s from the first point, by name;
-        start_s: time of the turn's first packet (s)."""
-        cloud = build_cloud(columns, self.name, self._world_SE3_sensor, {}, stamp_s=start_s)
+        columns: arrays by name: positions (n, 3; m), intensity, ring, and time_s (s since the first
+        point); start_s: time of the turn's first packet (s)."""
+        cloud = build_cloud(
+            columns, self.name, self._world_SE3_sensor, problems={}, stamp_s=start_s
+        )
         last_s = 0.0 if cloud.time is None else float(cloud.time.max(initial=0.0))
         time_s = start_s + last_s
         return SensorMessage(sensor=self.name, time_s=time_s, arrival_s=time_s, measurement=cloud)

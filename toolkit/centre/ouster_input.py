@@ -74,8 +74,9 @@ class OusterInput(NetworkLidar):
 def load_ouster_metadata(path: Path) -> Any:
     """Load a sensor's metadata as ouster-sdk's SensorInfo.
 
-    Raises ImportError without ouster-sdk, OSError, ValueError for a file that is none."""
-    core = import_ouster("a live Ouster")
+    Raises ImportError without ouster-sdk, OSError, ValueError for a file that is no such
+    metadata."""
+    core = import_ouster(use="a live Ouster")
     content = read_bytes(path)
     with name_damage(path, "metadata of an Ouster", (Exception,)):
         return core.SensorInfo(content.decode())

@@ -132,11 +132,13 @@ def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
 
 
 def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
-    """Return True if four numbers keep a sensor upright only when read as x y z w.
+    """Return True if four numbers are a likelier pose of a sensor when read as x y z w.
 
-    Read as w x y z they turn the sensor upside down or half round."""
-    w, x, y, z = quaternion.tolist()
-    # with w last, this is a turn about z, which keeps the sensor upright, half a turn if z = 0
+    They are if they keep it upright when read so, but turn it upside down when read as w x y z. Of
+    numbers whose first two are 0, both readings may be upright."""
+    w, x, y, z = quaternion.tolist()  # named as if w came first
+    # with w last, this is a turn about the vertical; if the last number is 0, it is half a turn,
+    # and no likelier than what w first gives
     if w == x == 0.0:
         return z != 0.0
     # z of the sensor's z axis is 1 - 2 (x² + y²), positive for an upright sensor; if w comes last,

@@ -95,7 +95,8 @@ class ScoringJob:
         numbers: number of each frame in the recording, which messages carry. What sensors and
         centre remember of earlier messages is kept from frame to frame as long as the sensors'
         names stay the same."""
-        # away from the site, sensors in no set are dropped: their points do not find the ground
+        # away from the site, sensors in no set are left out, as the ground is found from the
+        # points; a set of None has all sensors
         if None not in self.comparison.sensor_sets and not self.at_site:
             set_names = list(dict.fromkeys(chain.from_iterable(self.sets.values())))
             frames = (frame.seen_by(set_names) for frame in frames)

@@ -58,8 +58,8 @@ class StandingScene:
     def leave_out(self, detections: Detections, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Return the detections (world) with enough points outside the scene.
 
-        points: all points of the frame (m, world). If vehicles may only wait (`waiting`), those
-        with a high score are kept in any case."""
+        points: all points of the frame (m, world). If the scene may hold vehicles that only waited
+        while it was learnt (`waiting`), vehicles with a high score are kept in any case."""
         foreground_points = points[~self.holds(points)]
         point_count = count_points(points, detections.boxes)
         foreground_count = count_points(foreground_points, detections.boxes)

@@ -79,6 +79,8 @@ def _fits_moved_boxes(
 ) -> bool:
     """Return True if nearly all moving objects fit better with their boxes moved.
 
+    The boxes were moved along their way by the time that the sensor is perhaps late.
+
     fits_before, fits_after: mean fit of each object's boxes as they are, and moved."""
     has_fit = (fits_before > 0) | (fits_after > 0)  # other objects do not count
     changes = (fits_after - fits_before)[has_fit]

@@ -78,12 +78,12 @@ class Moment:
             body_vertices[:, 2] += body_vertices[:, :2] @ self._slope
             vertices.append(body_vertices + box[:3])
         # triangles are rows of their body's vertices: the row of its first vertex is added
-        first = np.cumsum([0, *map(len, vertices)])
-        triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
+        first = np.cumsum([0, *map(len, vertices)])[:-1]  # without the number of all vertices
+        triangles = [body.triangles + start for body, start in zip(bodies, first, strict=True)]
         triangle_counts = [len(body_triangles) for body_triangles in triangles]
-        # row of the object of each triangle, by the triangle's number plus 1; entry 0 is -1, for
-        # no triangle
-        objects = np.arange(-1, len(bodies), dtype=np.int32)
+        objects = np.arange(-1, len(bodies), dtype=np.int32)  # -1 for no object
+        # row of the object of each triangle, by the triangle's number plus 1; entry 0 is for no
+        # triangle
         self._triangle_object = np.repeat(objects, [1, *triangle_counts])
         self._scene = None
         if sum(triangle_counts):

@@ -150,8 +150,8 @@ def clip_windows(
 ) -> Int64[np.ndarray, "k 5"]:
     """Cut rectangles of pixels to an image; leave out those outside.
 
-    bounds and the result: row of the box, top, bottom, left, right; bottom and right are
-    excluded. shape: rows and columns of the image."""
+    bounds and the result: row of the box, top, bottom, left, right, all whole numbers; bottom and
+    right are excluded. shape: rows and columns of the image."""
     rows, columns = shape
     top = np.clip(bounds[:, 1], 0, None)
     bottom = np.minimum(bounds[:, 2], rows)

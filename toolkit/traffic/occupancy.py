@@ -259,7 +259,7 @@ def size_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]
 def _mask_close(
     bodies: LevelBoxes, boxes: Float64[np.ndarray, "n k 7"], gap: float
 ) -> Bool[np.ndarray, "n k"]:
-    """Mask of boxes within a gap (m) of a body.
+    """Mask of boxes within a gap (m) of a body, as `are_close` finds them.
 
     bodies: n boxes of one size; boxes: k of another size to compare with each."""
     dx = boxes[:, :, 0] - bodies[:, 0, None]
@@ -270,15 +270,16 @@ def _mask_close(
     ahead = np.abs(dx * cos + dy * sin)
     aside = np.abs(dy * cos - dx * sin)
     length, width = boxes[0, 0, 3:5]
-    # a box whose middle is so near is close, whatever its yaw
+    # a box whose middle is so near is close, whatever its yaw: both widened by half of the gap, its
+    # inscribed circle overlaps the body
     half = (bodies[0, 3:5] + gap) / 2
     inner = half + (min(length, width) + gap) / 2 - ROUNDING_M
     is_close = (ahead < inner[0]) & (aside < half[1])
     is_close |= (ahead < half[0]) & (aside < inner[1])
-    # how far away it can be and still be close
+    # farther away, no point of the box is within the gap
     reach = bodies[0, 3:5] / 2 + np.hypot(length, width) / 2 + gap
-    is_open = (ahead < reach[0]) & (aside < reach[1]) & ~is_close
-    row, column = np.nonzero(is_open)
+    is_undecided = (ahead < reach[0]) & (aside < reach[1]) & ~is_close
+    row, column = np.nonzero(is_undecided)
     is_close[row, column] = are_close(bodies[row], boxes[row, column], gap)
     return is_close
 

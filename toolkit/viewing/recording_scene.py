@@ -204,6 +204,7 @@ def nodes_of_kind(kind: str, *, with_outcomes: bool, with_trails: bool = False) 
 
     kind: one of `BOX_KINDS`; with_outcomes: whether to include the nodes of outcomes, besides
     labels and detections; with_trails: whether to include the node of trails."""
+    # `BOXES`: groups of labels and detections; `_STYLES` has a key for these and each outcome
     groups = [*(_STYLES if with_outcomes else BOXES), TAGS]
     if with_trails:
         groups.append(TRAILS)

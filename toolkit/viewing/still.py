@@ -124,6 +124,7 @@ def _draw_labels(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
 
 def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
     """Draw boxes by outcome, or all detections if outcomes are unknown; return legend entries."""
+    # `part`: part of a scene that holds the boxes of one outcome
     boxes_by_outcome: dict[Outcome, np.ndarray] = {
         MARKED[part]: _join_kinds(boxes_by_kind) for part, boxes_by_kind in sample.outcomes.items()
     }

@@ -218,9 +218,9 @@ def open_planner(
     """Open a planner at a site, or with the sensors of a plan's folder.
 
     A plan decides its poles, models, prices and keep-out areas, and the frames and seed unless the
-    options give them. where: name or file of a site, or folder of a plan; first: number of frames
-    of the first figures, None for all. Raises ValueError and OSError for a site or folder that
-    cannot be read."""
+    options give others than the usual ones. where: name or file of a site, or folder of a plan;
+    first: number of frames for the first results, None for all. Raises ValueError and OSError for
+    a site or folder that cannot be read."""
     from placement_env.live.planner import LivePlanner
     from placement_env.report.planning.plan_folder import is_plan_folder
 

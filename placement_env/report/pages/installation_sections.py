@@ -96,6 +96,7 @@ def materials_section(plan: content.Plan) -> Content:
     if not plan.currency:
         blocks.append(Paragraph("Prices are in units of one ordinary pole."))
     blocks += build_table("What to order", columns, _item_rows(plan.materials))
+    # `running`: yearly and other costs by the catalogue's rates
     blocks += build_table("What the rates add to the price", columns, _item_rows(plan.running))
     return build_content(conclusion, *blocks)
 

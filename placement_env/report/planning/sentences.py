@@ -317,7 +317,10 @@ def _list_methods(question: Question, detector: str) -> list[str]:
 
 
 def _describe_objects(question: Question) -> str:
-    """Describe the classes over which AP is computed, to follow the words "AP is"."""
+    """Describe the classes over which AP is computed, to follow the words "AP is".
+
+    Such as "the mean of 0.75 vehicle and 0.25 cyclist (IoU 0.5),"; an IoU is named if it is not the
+    objective's."""
     classes = question.setting.counted
     if len(classes) > 1:
         return f"the {classes.described(question.cases.threshold)},"

@@ -190,8 +190,10 @@ def _find_entrants(
 ) -> Entrants:
     """Search for the sets to race.
 
-    Unless the cases are plain (one IoU threshold, no failures, undivided traffic), intact sets in
-    all traffic are searched for too, because their best may be the best in the worst case.
+    Unless there is one case (one IoU threshold, no failures, undivided traffic), sets are also
+    searched for as if nothing failed and in all traffic together, because the best of them may be
+    the best in the worst case. This needs `preparation`, which an objective has if its fidelity was
+    given by name.
 
     objective: objective of the searches; effort: their limits; seed: for all searches; checkpoint:
     keeps the progress of both rounds of searches."""

@@ -69,8 +69,10 @@ def _format_restrictions(
 ) -> Iterator[str]:
     """Yield OSM relations of the turns between pieces, one for each pair that meets at the node.
 
-    numbers: numbers of the nodes by id."""
-    piece_numbers: dict[tuple[str, str], list[int]] = {}  # by id of a way and a node on it
+    pieces: parts of the map's ways, each named by the id of its way; numbers: numbers of the nodes
+    by id."""
+    # numbers of the pieces by id of their way and of a node on them
+    piece_numbers: dict[tuple[str, str], list[int]] = {}
     for number, piece in enumerate(pieces, start=1):
         for node in piece.nodes:
             piece_numbers.setdefault((piece.name, node), []).append(number)

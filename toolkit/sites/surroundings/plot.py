@@ -106,8 +106,9 @@ class Plot:
         """Take `ground` if it is free; return True if it was.
 
         It must be next to the road (`open_ground`) and off all ground taken before. on_footways: it
-        may be anywhere off the lanes, also on footways and islands; on_shoulders: it may be on any
-        ground that is not driven, whatever `on_footways` is."""
+        may be anywhere off the lanes (`lane_ground`, shoulders included), also on footways and
+        islands; on_shoulders: it may be anywhere off the smaller `driven_ground`, whatever
+        `on_footways` is."""
         if on_shoulders:
             is_allowed = not self.driven_ground.intersects(ground)
         elif on_footways:
