@@ -159,8 +159,8 @@ def _apply_access(
     """Users who may use a lane by the access rules of one place, in SUMO's words.
 
     users: usual for the lane; rules: <access> elements; problems: differences from the map are
-    counted there. A rule that allows some users closes the lane to all others, even if it is for
-    users whom traffic does not have."""
+    counted there. A rule that allows some users closes the lane to all others, even if traffic does
+    not have them."""
     allowed_users: set[str] = set()
     denied_users: set[str] = set()
     is_exclusive = False  # a rule allows some users
