@@ -181,8 +181,8 @@ def to_network(
         return np.stack((x - rx, -y - ry, z), 1)
     if frame != "site":
         raise ValueError(f'frame must be "site" or "carla", got {frame!r}')
-    # the site's x is 196 - CARLA's y, its y is 104 - CARLA's x; the network's x and y are CARLA's
-    # less those of the reference point
+    # the site's x is 196 - CARLA's y, its y is 104 - CARLA's x; the network counts CARLA's x and y
+    # from the reference point
     if site == "tjunction":
         return np.stack((np.float32(104 - rx) - y, np.float32(196 - ry) - x, z), 1)
     return np.stack((x, -y, z), 1)

@@ -59,7 +59,7 @@ def draw_car(rng, x, y):
 
 @pytest.fixture
 def quartered(limits):
-    """Detector of a square that has borders of blocks at x = 0 and y = 0, and one of it whole."""
+    """Detector of a square that has borders of blocks at x = 0 and y = 0, and another whole one."""
     area = (-40.0, -40.0, 40.0, 40.0)
     whole = load_detector("general", area=area)
     limits(module, MAX_COLUMNS=10_000, BLOCK_CELLS=round(40 / whole.config.voxel_size[0]))

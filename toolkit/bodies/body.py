@@ -88,8 +88,8 @@ def include_mirrors(body: Body) -> Body:
 def stretch_randomly(body: Body, rng: Rng) -> Body:
     """Stretch a body and its box along each axis by a factor N(1, 0.03), cut at 0.94 and 1.06.
 
-    A body without a box of its own (`truth`) has the one around its mesh, which stretches with
-    it."""
+    A body without a separate box (`truth`) has the one around its mesh, which stretches with
+    the mesh."""
     factors = 1 + 0.03 * np.clip(rng.standard_normal(3), -2, 2)
     length, width, height = (np.array(body.size) * factors).tolist()
     return replace(

@@ -1,7 +1,7 @@
 """Detours: a driver who does not get to the lane of a turn goes on and comes back to it.
 
 SUMO lets two drivers next to each other wait for each other for ever if one needs the other's lane,
-and a roundabout is soon full of those behind them."""
+and a roundabout is soon full of drivers behind them."""
 
 from types import ModuleType
 

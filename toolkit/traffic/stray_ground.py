@@ -49,11 +49,11 @@ class StrayGround:
         """Return the ground of solids with the edges of vehicles too.
 
         The vehicles' edges are repeated until they are half as many as the solids', so that about
-        one stray in three that stands at an edge stands at a vehicle.
+        one in three strays at an edge is at a vehicle.
 
         boxes: (n, 7) box of each vehicle."""
         vehicle_edges = outward_edges(shapely.polygons(footprints(boxes)))
-        # whole repeats, rounded down; `self.edges` are those of solids
+        # whole repeats, rounded down; `self.edges` belong to solids
         repeats = max(1, len(self.edges) // max(1, 2 * len(vehicle_edges)))
         edges = np.concatenate([self.edges, np.tile(vehicle_edges, (repeats, 1))])
         return replace(self, edges=edges)

@@ -191,7 +191,7 @@ def _find_entrants(
     """Search for the sets to race.
 
     Unless there is one case (one IoU threshold, no failures, undivided traffic), sets are also
-    searched for as if nothing failed and in all traffic together, because the best of them may be
+    searched for as if nothing failed and in all traffic together, because the best may be
     the best in the worst case. This needs `preparation`, which an objective has if its fidelity was
     given by name.
 

@@ -63,7 +63,7 @@ def search_candidates(poles: int, folder: str) -> None:
     """Greedy search over poles on both sides of the junction, with the usual headings of each."""
     from toolkit.sites.files import format_site, load_site
 
-    # in rows behind the pavements, so that none stands on the carriageway or at another's place
+    # in rows behind the pavements, so that all are off the carriageway and apart
     rows_y = np.array([-20.0, -19.0, -18.0, -17.0, 17.0, 18.0, 19.0, 20.0])
     columns_x = np.linspace(-38, 38, -(-poles // len(rows_y)))
     positions = np.stack(np.meshgrid(columns_x, rows_y, indexing="ij"), axis=-1).reshape(-1, 2)
