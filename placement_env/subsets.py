@@ -64,7 +64,9 @@ def list_set_members(subsets: Sets) -> SetMembers:
     return SetMembers(row=row, candidate=candidate)
 
 
-def sum_figures(subsets: Sets, figures: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, " n"]:
+def sum_figures(
+    subsets: Sets, figures: Float64[np.ndarray, " candidates"]
+) -> Float64[np.ndarray, " n"]:
     """Sum of the members' figures for each of n sets.
 
     The result is `subsets @ figures`, which turns all booleans into numbers together and takes four

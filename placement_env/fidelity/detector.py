@@ -313,8 +313,9 @@ class Detected:
 
     def detections(self, members: tuple[int, ...], k: int) -> Detections:
         """Fused detections of a set (ascending indices of candidates) in frame k, not matched."""
-        detections, new_detections = _fuse_frame(self, members, k)
-        self.memo.put(new_detections)
+        frame = _FrameDetections(self, k)
+        detections = frame.fused(members).detections
+        self.memo.put(frame.uncached_detections)
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
@@ -445,8 +446,8 @@ def _fuse_frame(
 
     It may run in another process than its caller.
 
-    detected: Fidelity with the measurements, detector, scheme, codec and cache; members: ascending
-    indices of the set's candidates."""
+    detected: Score by detections, with the measurements, detector, scheme, codec and cache;
+    members: ascending indices of the set's candidates."""
     _limit_threads(detected)
     frame = _FrameDetections(detected, k)
     return frame.fused(members).detections, frame.uncached_detections
@@ -461,7 +462,8 @@ def detect_in_frames(
     """Fused detections of a set in each of some frames, not matched.
 
     Args:
-        detected: Fidelity, whose processes work on the frames and whose cache keeps detections.
+        detected: Score by detections, whose processes work on the frames and whose cache keeps
+            detections.
         members: Ascending indices of the set's candidates.
         frames: Indices of frames.
         progress: Called with the number of frames done; None for silence."""
