@@ -155,15 +155,16 @@ def _count_queues(
         trips: Their trips.
         site: Site with the area in which they queue.
         seconds: Time of each frame (s), ascending, with all times of the trajectories."""
-    entries = {trip.id: trip.entry for trip in trips if trip.entry is not None}
+    vehicles = {user.id: user for user in trajectories if user.label in (VEHICLE, HEAVY)}
     queues: dict[str, np.ndarray] = {}  # by entry: number of queued vehicles in each frame
-    for trajectory in trajectories:
-        if trajectory.id not in entries or trajectory.label not in (VEHICLE, HEAVY):
+    for trip in trips:
+        if trip.entry is None or trip.id not in vehicles:
             continue
-        is_queued = mask_inside(trajectory, site.area) & (trajectory.speeds < QUEUED_M_S)
-        frames = np.searchsorted(seconds, trajectory.times[is_queued])
-        entry = entries[trajectory.id]
-        queues.setdefault(entry, np.zeros(len(seconds), np.int64))[frames] += 1
+        vehicle = vehicles[trip.id]
+        is_queued = mask_inside(vehicle, site.area) & (vehicle.speeds < QUEUED_M_S)
+        is_queued &= (vehicle.times >= trip.begin) & (vehicle.times <= trip.end)
+        frames = np.searchsorted(seconds, vehicle.times[is_queued])
+        queues.setdefault(trip.entry, np.zeros(len(seconds), np.int64))[frames] += 1
     return tuple(
         QueueCount(entry=entry, mean=float(lengths.mean()), longest=int(lengths.max()))
         for entry, lengths in sorted(queues.items())

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float64
-from toolkit.counting.arms import Arm, find_crossing, nearest_arm
+from toolkit.counting.arms import Arm, find_arm, find_crossing, measure_border_way
+from toolkit.counting.fragments import MAX_MOVING_GAP_S
 from toolkit.counting.trajectories import MOVING_M_S, Trajectory
 
 COURSE_S = 0.8  # at each end of a trajectory, over which its course is a mean
@@ -18,8 +19,10 @@ class Trip(NamedTuple):
     Attributes:
         id: number of the road user.
         label: its class, as a number of `toolkit.objects.LABELS`.
-        entry: name of the arm at which it came in; None if it was first seen inside.
-        exit: name of the arm at which it left; None if it was last seen inside.
+        entry: name of the arm at which it came in; None if it was first seen inside, or if the
+            place at which it came in does not show the arm.
+        exit: name of the arm at which it left; None if it was last seen inside, or if the place at
+            which it left does not show the arm.
         begin: time at which it is first in the area (s).
         end: time at which it is last in the area (s).
         way_m: length of its way in the area, as far as it moves.
@@ -57,6 +60,9 @@ def find_trips(
 ) -> list[Trip]:
     """Trips of the road users whose middle is in the area at some time, in their order.
 
+    Whoever is outside for longer than `MAX_MOVING_GAP_S` makes another trip on coming back, since
+    a track that ends at the border would not be joined with the next one either.
+
     Args:
         trajectories: Road users.
         arms: Arms of the junction, at least one.
@@ -64,10 +70,14 @@ def find_trips(
     trips = []
     for trajectory in trajectories:
         rows = np.flatnonzero(mask_inside(trajectory, area))
-        if len(rows):
-            first = int(rows[0])
-            last = int(rows[-1])
-            trips.append(_find_trip(trajectory, first, last, arms=arms, area=area))
+        gaps = np.diff(trajectory.times[rows])
+        # a gap between successive rows is inside, and may last
+        is_away = (np.diff(rows) > 1) & (gaps > MAX_MOVING_GAP_S)
+        for visit in np.split(rows, np.flatnonzero(is_away) + 1):
+            if len(visit):
+                first = int(visit[0])
+                last = int(visit[-1])
+                trips.append(_find_trip(trajectory, first, last, arms=arms, area=area))
     return trips
 
 
@@ -97,28 +107,50 @@ def _find_trip(
     steps = np.diff(inside.times)
     speeds = (inside.speeds[1:] + inside.speeds[:-1]) / 2  # in each step
     is_moving = speeds > MOVING_M_S
-    # the row outside shows the arm; a road user first (last) seen inside went straight on
-    before = None if first == 0 else trajectory.boxes[first - 1, :2]
-    after = None if last + 1 == len(trajectory.times) else trajectory.boxes[last + 1, :2]
     begin_course = _mean_course(inside, from_begin=True)
     end_course = _mean_course(inside, from_begin=False)
-    entry_point = before
-    if entry_point is None:
-        entry_point = find_crossing(inside.boxes[0, :2], -begin_course, area)
-    exit_point = after
-    if exit_point is None:
-        exit_point = find_crossing(inside.boxes[-1, :2], end_course, area)
     return Trip(
         id=trajectory.id,
         label=trajectory.label,
-        entry=None if entry_point is None else nearest_arm(entry_point, arms),
-        exit=None if exit_point is None else nearest_arm(exit_point, arms),
+        entry=_find_gate(trajectory, first, first - 1, -begin_course, arms=arms, area=area),
+        exit=_find_gate(trajectory, last, last + 1, end_course, arms=arms, area=area),
         begin=float(inside.times[0]),
         end=float(inside.times[-1]),
         way_m=float((speeds * steps)[is_moving].sum()),
         moving_s=float(steps[is_moving].sum()),
         standing_s=float(steps[~is_moving].sum()),
     )
+
+
+def _find_gate(
+    trajectory: Trajectory,
+    row: int,
+    row_outside: int,
+    velocity: Float64[np.ndarray, "2"],
+    *,
+    arms: Sequence[Arm],
+    area: Float64[np.ndarray, "4"],
+) -> str | None:
+    """Name of the arm at which a road user crosses the border, None if it is unknown.
+
+    A road user that was first or last seen inside goes straight on.
+
+    Args:
+        trajectory: The road user.
+        row: First or last row in the area.
+        row_outside: Row next to it outside, which may not exist.
+        velocity: Velocity out of the area (m/s).
+        arms: Arms of the junction.
+        area: xmin, ymin, xmax, ymax (m)."""
+    point = trajectory.boxes[row, :2]
+    if 0 <= row_outside < len(trajectory.times):
+        step = trajectory.boxes[row_outside, :2] - point
+        crossing = point + measure_border_way(point, step, area) * step
+    else:
+        crossing = find_crossing(point, velocity, area)
+        if crossing is None:
+            return None
+    return find_arm(crossing, velocity, arms, area)
 
 
 def _mean_course(inside: Trajectory, *, from_begin: bool) -> Float64[np.ndarray, "2"]:
