@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Float64, Mask
+from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.boxes import footprints
 from toolkit.sites.site import Site
 
@@ -22,7 +22,8 @@ class Obstacles:
 
     Attributes:
         bases: height of the lower end of each solid (m).
-        tree: search tree of their footprints, in the same order."""
+        tree: search tree of their footprints, in the same order.
+        bounds: xmin, ymin, xmax, ymax (m) of each footprint."""
 
     def __init__(self, site: Site) -> None:
         """Choose the solids of a site that are higher than `MAX_STEP_HEIGHT_M`."""
@@ -38,6 +39,7 @@ class Obstacles:
         # undersides above the plane of the site (m), and outlines from above, in the same order
         self.bases = np.array([solid.base for solid in solids]) - site.plane(solid_middles)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])
+        self.bounds = shapely.bounds(self.tree.geometries).reshape(-1, 4)
 
     def hit(self, boxes: LevelBoxes) -> Mask:
         """Mask of boxes that touch an obstacle, or come within half of `BODY_GAP_M` of it.
@@ -47,12 +49,9 @@ class Obstacles:
         # outlines are drawn only for boxes whose circles touch an obstacle
         radii = np.hypot(boxes[:, 3] + BODY_GAP_M, boxes[:, 4] + BODY_GAP_M) / 2
         reach = radii.max(initial=0.0) + BODY_GAP_M
-        if not self._reach_any(boxes[:, :2], reach):
+        near_rows = self._list_near(boxes[:, :2], reach)
+        if not len(near_rows):
             return is_hit
-        middles = shapely.points(boxes[:, :2])
-        is_near = np.zeros(len(boxes), bool)
-        is_near[self.tree.query(middles, predicate="dwithin", distance=reach)[0]] = True
-        near_rows = np.flatnonzero(is_near)
         # row among the near boxes and index of the obstacle of each pair that touches from above
         pairs = self.tree.query(outline_boxes(boxes[near_rows]), predicate="intersects")
         rows = near_rows[pairs[0]]
@@ -62,13 +61,28 @@ class Obstacles:
         is_hit[rows[self.bases[obstacles] < box_tops]] = True
         return is_hit
 
-    def _reach_any(self, points: Float64[np.ndarray, "n 2"], reach: float) -> bool:
-        """True if an obstacle comes within a distance (m) of the rectangle around points."""
+    def _list_near(
+        self, points: Float64[np.ndarray, "n 2"], reach: float
+    ) -> Int64[np.ndarray, " k"]:
+        """Rows of the points within a distance (m) of an obstacle."""
         if not len(points):
-            return False
+            return np.zeros(0, np.int64)
+        # rectangles around obstacles leave few points for the search tree
         low = points.min(axis=0) - reach
         high = points.max(axis=0) + reach
-        return bool(len(self.tree.query(shapely.box(*low, *high))))
+        is_possible = (self.bounds[:, :2] <= high).all(axis=1)
+        is_possible &= (self.bounds[:, 2:] >= low).all(axis=1)
+        x, y = np.ascontiguousarray(points.T)
+        is_near = np.zeros(len(points), np.bool_)
+        for xmin, ymin, xmax, ymax in self.bounds[is_possible].tolist():
+            is_beside = (x >= xmin - reach) & (x <= xmax + reach)
+            is_near |= is_beside & (y >= ymin - reach) & (y <= ymax + reach)
+        rows = np.flatnonzero(is_near)
+        if not len(rows):
+            return rows
+        middles = shapely.points(points[rows])
+        pairs = self.tree.query(middles, predicate="dwithin", distance=reach)
+        return rows[np.unique(pairs[0])]
 
 
 def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask, int]:

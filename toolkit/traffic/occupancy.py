@@ -155,6 +155,7 @@ class Occupancy:
         blocked = np.zeros((moments.number, count, across), np.bool_)
         flat_boxes = boxes.reshape(-1, 7)
         is_seen = self._is_near_view(flat_boxes).reshape(count, across)
+        x, y = np.ascontiguousarray(flat_boxes[:, :2].T).reshape(2, count, across)
         steps = moments.steps
         bounds = _bounds(flat_boxes) + gap * np.array([-1, -1, 1, 1])
         box_radius = np.hypot(*boxes[0, 0, 3:5]) / 2 + gap
@@ -173,11 +174,11 @@ class Occupancy:
             bodies = bodies[is_inside]
             low = bodies[:, :2].min(axis=0) - radius - box_radius
             high = bodies[:, :2].max(axis=0) + radius + box_radius
-            is_near = is_seen & ((boxes[..., :2] > low) & (boxes[..., :2] < high)).all(axis=2)
+            is_near = is_seen & (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
             moment, section = sections.find_near(bodies, np.flatnonzero(is_near.any(axis=1)))
             if len(moment):
-                is_close = _mask_close(bodies[moment], boxes[section], gap) & is_near[section]
-                blocked[rows[moment], section] |= is_close
+                pairs = _Pairs(bodies, boxes, moment, section)
+                blocked[rows[moment], section] |= pairs.mask_close(gap) & is_near[section]
         return blocked
 
     def _list_seen(self, boxes: LevelBoxes, first: int) -> Int64[np.ndarray, " k"]:
@@ -249,39 +250,51 @@ class _Sections(NamedTuple):
         return row, sections[column]
 
 
+class _Pairs(NamedTuple):
+    """Boxes of a body, each with the boxes of a section of a course.
+
+    Attributes:
+        bodies: boxes of the body, of one size.
+        boxes: sections of k boxes of another size, with one heading in each section.
+        body: row of the body's box of each pair.
+        section: section of each pair."""
+
+    bodies: LevelBoxes
+    boxes: Float64[np.ndarray, "n k 7"]
+    body: Int64[np.ndarray, " pairs"]
+    section: Int64[np.ndarray, " pairs"]
+
+    def mask_close(self, gap: float) -> Bool[np.ndarray, "pairs k"]:
+        """Mask of boxes within a gap (m) of the body, as `are_close` finds them."""
+        dx = self.boxes[:, :, 0][self.section] - self.bodies[self.body, 0, None]
+        dy = self.boxes[:, :, 1][self.section] - self.bodies[self.body, 1, None]
+        body_yaw = self.bodies[self.body, 6, None]
+        box_yaw = self.boxes[:, 0, 6][self.section, None]
+        body_half = ((self.bodies[0, 3:5] + gap) / 2).tolist()
+        box_half = ((self.boxes[0, 0, 3:5] + gap) / 2).tolist()
+        turn = box_yaw - body_yaw
+        cos = np.abs(np.cos(turn))
+        sin = np.abs(np.sin(turn))
+        # farther away in the frame of the body, no point of the box is within the gap
+        reach = self.bodies[0, 3:5] / 2 + np.hypot(*self.boxes[0, 0, 3:5]) / 2 + gap
+        is_close = np.ones(dx.shape, np.bool_)
+        for yaw, near_half, far_half, limits in (
+            (body_yaw, body_half, box_half, reach),
+            (box_yaw, box_half, body_half, (np.inf, np.inf)),
+        ):
+            ahead = np.abs(dx * np.cos(yaw) + dy * np.sin(yaw))
+            aside = np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
+            is_close &= (ahead < limits[0]) & (aside < limits[1])
+            is_close &= ahead <= near_half[0] + far_half[0] * cos + far_half[1] * sin
+            is_close &= aside <= near_half[1] + far_half[0] * sin + far_half[1] * cos
+        return is_close
+
+
 def size_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]) -> LevelBoxes:
     """Boxes of one body on level ground, one for each pose.
 
     poses: x, y (m), yaw (rad); size: length, width, height (m)."""
     return place_boxes(poses, np.tile(size, (len(poses), 1)))
-
-
-def _mask_close(
-    bodies: LevelBoxes, boxes: Float64[np.ndarray, "n k 7"], gap: float
-) -> Bool[np.ndarray, "n k"]:
-    """Mask of boxes within a gap (m) of a body, as `are_close` finds them.
-
-    bodies: n boxes of one size; boxes: k of another size to compare with each."""
-    dx = boxes[:, :, 0] - bodies[:, 0, None]
-    dy = boxes[:, :, 1] - bodies[:, 1, None]
-    cos = np.cos(bodies[:, 6, None])
-    sin = np.sin(bodies[:, 6, None])
-    # in the frame of the body
-    ahead = np.abs(dx * cos + dy * sin)
-    aside = np.abs(dy * cos - dx * sin)
-    length, width = boxes[0, 0, 3:5]
-    # a box whose middle is so near is close, whatever its yaw: both widened by half of the gap, its
-    # inscribed circle overlaps the body
-    half = (bodies[0, 3:5] + gap) / 2
-    inner = half + (min(length, width) + gap) / 2 - ROUNDING_M
-    is_close = (ahead < inner[0]) & (aside < half[1])
-    is_close |= (ahead < half[0]) & (aside < inner[1])
-    # farther away, no point of the box is within the gap
-    reach = bodies[0, 3:5] / 2 + np.hypot(length, width) / 2 + gap
-    is_undecided = (ahead < reach[0]) & (aside < reach[1]) & ~is_close
-    row, column = np.nonzero(is_undecided)
-    is_close[row, column] = are_close(bodies[row], boxes[row, column], gap)
-    return is_close
 
 
 def _radius(boxes: LevelBoxes) -> float:

@@ -32,6 +32,7 @@ CROSSED_WAIT_COST = 3.0  # for waiting where another comes along within the wind
 EARLY_WAIT_COST = 0.002  # more for each moment before the end, so that late waits are preferred
 ASIDE_COST = 0.5  # for a step aside by `ASIDE_SPACING_M`
 OFFSET_COST = 0.02  # for each moment and line away from the course
+CHECK_MOMENTS = 16  # between looks at whether a window has a way at all
 # rows ahead and lines to the left; with one line only the first two
 MOVES = ((1, 0), (0, 0), (1, 1), (1, -1), (0, 1), (0, -1))
 # by class: lines next to the course, on each side, that they may take
@@ -68,6 +69,16 @@ class Course:
     def directions(self) -> Float64[np.ndarray, " steps"]:
         """Direction of the course (rad) that sides are counted from, which turns slowly."""
         return smooth_direction(self.poses[:, 2])
+
+    @cached_property
+    def changes(self) -> Float64[np.ndarray, "steps 3"]:
+        """Change (x, y in m, yaw in rad) from each pose to the next; headings turn the shorter way.
+
+        That of the last pose is 0."""
+        changes = np.zeros_like(self.poses)
+        changes[:-1] = np.diff(self.poses, axis=0)
+        changes[:, 2] = np.arctan2(np.sin(changes[:, 2]), np.cos(changes[:, 2]))
+        return changes
 
 
 class _Plan(NamedTuple):
@@ -258,20 +269,22 @@ def _find_moves(
     for moment in range(1, moments):
         reached = min(moment + 1, rows + 1)  # rows that can be reached until then
         before = costs.totals[moment - 1]
-        waits = before[:, 1 : reached + 1]
-        waits = waits + costs.waits[:, 1 : reached + 1] * costs.weigh_waits(moment)
-        onward = np.minimum(before[:, :reached], waits)
+        onward = costs.waits[:, 1 : reached + 1] * costs.weigh_waits(moment)
+        onward += before[:, 1 : reached + 1]
+        np.minimum(before[:, :reached], onward, out=onward)
         now = costs.totals[moment, 1:-1, 1:]
         cheapest = now[:, :reached]
         cheapest[:] = onward[1:-1]
         if lines > 1:
-            aside = onward + ASIDE_COST
-            np.minimum(cheapest, aside[:-2], out=cheapest)
-            np.minimum(cheapest, aside[2:], out=cheapest)
+            onward += ASIDE_COST
+            np.minimum(cheapest, onward[:-2], out=cheapest)
+            np.minimum(cheapest, onward[2:], out=cheapest)
         inside = now[:, : min(reached, rows)]
         inside += offset_costs
         np.copyto(inside, np.inf, where=blocked[moment, :, : inside.shape[1]])
-        if now[:, -1].min() <= inside.min():  # nothing better can follow, or nothing at all
+        # before the last row is reached, this only finds that there is no way
+        is_checked = moment >= rows or moment % CHECK_MOMENTS == 0
+        if is_checked and now[:, -1].min() <= inside.min():  # nothing better can follow, or at all
             break
     end = int(now.argmin())
     return _trace(costs, moment, end) if np.isfinite(now.flat[end]) else None
@@ -296,14 +309,17 @@ def _trace(costs: _Costs, last: int, end: int) -> _Moves:
         lines[moment] = line
         if moment:
             weight = costs.weigh_waits(moment)
+            # indices are counted with the borders
+            area = slice(line, line + 3), slice(row, row + 2)
+            totals = costs.totals[moment - 1][area].tolist()
+            waits = costs.waits[area].tolist()
             options = []
             for ahead, left in moves:
-                origin = line - left + 1, row - ahead + 1  # indices, counted with the borders
-                option = costs.totals[moment - 1][origin]
+                option = totals[1 - left][1 - ahead]
                 if not ahead:  # a wait
-                    option = option + costs.waits[origin] * weight
+                    option += waits[1 - left][1] * weight
                 options.append(option + ASIDE_COST if left else option)
-            ahead, left = moves[int(np.argmin(options))]
+            ahead, left = moves[options.index(min(options))]
             row -= ahead
             line -= left
     # moments in the last row go on ahead, a row each
@@ -323,7 +339,7 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     count = max(0, last - course.first + 1)
     columns = np.column_stack([plan.progress, plan.aside])
     smoothed = smooth_rows(columns, sigma)[:count]
-    poses = _pick(course.poses, smoothed[:, 0])
+    poses = _pick(course, smoothed[:, 0])
     if len(poses) < 2 or not smoothed[:, 1].any():
         return poses
     # beside the course, still with the headings on it; they turn with the path beside it
@@ -338,19 +354,10 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     return shifted
 
 
-def _pick(
-    poses: Float64[np.ndarray, "steps 3"], rows: Float64[np.ndarray, " k"]
-) -> Float64[np.ndarray, "k 3"]:
-    """Poses at rows that may be between two; headings turn the shorter way.
-
-    poses: x, y (m), yaw (rad)."""
-    low = np.clip(rows.astype(np.int64), 0, len(poses) - 1)
-    high = np.minimum(low + 1, len(poses) - 1)
-    share = (rows - low)[:, None]
-    turn = poses[high, 2] - poses[low, 2]
-    step = poses[high] - poses[low]
-    step[:, 2] = np.arctan2(np.sin(turn), np.cos(turn))
-    return poses[low] + share * step
+def _pick(course: Course, rows: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
+    """Poses (x, y in m, yaw in rad) at rows of a course that may be between two."""
+    low = np.clip(rows.astype(np.int64), 0, len(course.poses) - 1)
+    return course.poses[low] + (rows - low)[:, None] * course.changes[low]
 
 
 def _shift(
@@ -360,4 +367,4 @@ def _shift(
 
     rows: rows of its poses, which may be between two; left: distance at each (m)."""
     directions = np.interp(rows, np.arange(len(course.poses)), course.directions)
-    return shift_left(_pick(course.poses, rows), directions, left)
+    return shift_left(_pick(course, rows), directions, left)
