@@ -9,6 +9,7 @@ found to be true.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -283,7 +284,7 @@ def apply_rivals(detections: Detections, config: VoxelNetConfig) -> Detections:
         strongest_rivals(detections, config),
         np.array(config.rivalry)[detection_rows],
     )
-    return Detections(detections.boxes, scores, detections.labels)
+    return replace(detections, scores=scores)
 
 
 def rescore(
