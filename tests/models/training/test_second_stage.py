@@ -291,9 +291,8 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
         [at, np.zeros(7), np.ones(7), np.full((7, 3), (1.5, 0.6, 1.7)), np.zeros(7)]
     )
     labels = np.array([PEDESTRIAN, CYCLIST, CYCLIST, PEDESTRIAN, CYCLIST, PEDESTRIAN, CYCLIST])
-    scores = np.array([0.8, 0.3, 0.3, 0.8, 0.33, 0.2, 0.9])
     doubts = np.linspace(0.01, 0.07, 7)[:, None] * np.ones(5)
-    found = Detections(boxes, scores, labels, doubts)
+    found = Detections(boxes, np.array([0.8, 0.3, 0.3, 0.8, 0.33, 0.2, 0.9]), labels, doubts)
     left = VoxelNetDetector(VoxelNet(config)).score_known(found)
     assert left.doubts is not None
     np.testing.assert_array_equal(left.doubts, doubts[[0, 2, 3, 4, 5, 6]])
