@@ -12,7 +12,7 @@ from toolkit.boxes import footprints, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site, Solid
-from toolkit.traffic.obstacles import BODY_GAP_M, Obstacles, overlaps, separate
+from toolkit.traffic.obstacles import BODY_GAP_M, Obstacles, outline_boxes, overlaps, separate
 from toolkit.traffic.parked import MEAN_STAY_FRAMES, Parked
 from toolkit.traffic.road_lanes import VIEW_MARGIN_M
 from toolkit.traffic.snapshots import MOST_OBJECTS, Mix, simulate
@@ -340,6 +340,24 @@ def test_random_boxes_neither_overlap_nor_hit_walls():
         assert not overlaps(settled[kept]).any()
         assert not obstacles.hit(settled[kept]).any()
         assert kept[0] or obstacles.hit(boxes[:1]).any()
+
+
+def test_boxes_hit_what_their_outlines_touch():
+    """Slanted walls, too, whose upright rectangles hold many boxes that touch nothing."""
+    rng = np.random.default_rng(1)
+    walls = []
+    for x, y, turn in rng.uniform([-10, -10, 0], [10, 10, np.pi], (6, 3)):
+        outline = footprints(np.array([[x, y, 1, 8, 0.3, 2, turn]]))[0]
+        walls.append(Solid(outline[:, :2], 0.0, 2.0))
+    obstacles = Obstacles(Site("walled", AREA, solids=tuple(walls)))
+    shapes = [shapely.Polygon(solid.footprint) for solid in walls]
+    for number in (1, 200):
+        boxes = cars(*rng.uniform([-12, -12, -4], [12, 12, 4], (number, 3)))
+        expected = shapely.intersects(outline_boxes(boxes)[:, None], shapes).any(axis=1)
+        np.testing.assert_array_equal(obstacles.hit(boxes), expected)
+    assert expected.any()
+    assert not expected.all()
+    assert not obstacles.hit(cars((500.0, 500.0, 0.0))).any()
 
 
 def test_vehicles_are_parked_in_bays_of_their_own():
