@@ -17,7 +17,7 @@ from toolkit.frame import Frame
 from toolkit.objects import Detector
 from toolkit.sites.site import Site
 
-DEADLINE_S = 0.09
+DEADLINE_S = 0.1
 
 
 @dataclass(frozen=True)

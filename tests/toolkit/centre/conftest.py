@@ -84,7 +84,7 @@ class ManualThreads(Executor):
         except ZeroDivisionError as error:
             finish = partial(future.set_exception, error)
         else:
-            result = replace(result, detect_ms=1e3 * detect_s)
+            result = replace(result, detect_ms=1e3 * detect_s, fuse_ms=0.0)
             finish = partial(future.set_result, result)
         if detect_s:
             self._clock.ring(self._clock.time_s + detect_s * self._clock.speed, finish)
@@ -134,7 +134,8 @@ def nobody(points: np.ndarray) -> Detections:
 class Run:
     """Frames and events of a centre over scripted messages.
 
-    detect_s: seconds of the manual clock that a detection takes, of one or of each frame."""
+    detect_s: seconds that a detection takes, of all frames or of one after the other; tail_s:
+    seconds from the last message to the end of the source."""
 
     def __init__(
         self,
@@ -144,7 +145,8 @@ class Run:
         patience_s: float = 0.05,
         detect_s: float | Sequence[float] = 0.0,
         tail_s: float = 1.0,
-        **detection: float,
+        deadline_s: float = 0.09,
+        **detection: int,
     ) -> None:
         clock = clock or ManualClock()
         times_s = [detect_s] if isinstance(detect_s, int | float) else detect_s
@@ -157,7 +159,7 @@ class Run:
         self.written: list[float] = []
         self.synchroniser = Synchroniser(INTERVAL_S, patience_s)
         place = Place("none", area=(-20.0, -20.0, 20.0, 20.0))
-        settings = Detection(detector, place, **detection)
+        settings = Detection(detector, place, deadline_s=deadline_s, **detection)
         self.centre = RunningCentre(
             SENSORS,
             DetectionPool(settings, threads=ManualThreads(clock, times_s)),
