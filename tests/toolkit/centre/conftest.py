@@ -84,7 +84,8 @@ class ManualThreads(Executor):
         except ZeroDivisionError as error:
             finish = partial(future.set_exception, error)
         else:
-            result = replace(result, detect_ms=1e3 * detect_s, fuse_ms=0.0)
+            stand = replace(result.stand, ms=0.0)
+            result = replace(result, stand=stand, detect_ms=1e3 * detect_s, fuse_ms=0.0)
             finish = partial(future.set_result, result)
         if detect_s:
             self._clock.ring(self._clock.time_s + detect_s * self._clock.speed, finish)
