@@ -55,17 +55,18 @@ class _Graph(nn.Module):
     def forward(self, features: Tensor, voxel: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
         """Raw maps of the network's head, without those that it lacks.
 
-        features: points' features; voxel: voxel of each point; cells: item, ix, iy, iz of each
-        voxel."""
+        All points are in one cloud. features: (points, channels); voxel: voxel of each point;
+        cells: item (0), ix, iy, iz of each voxel (voxels, 4)."""
         network = self.network
         x = network.features.encode(features, voxel, cells.shape[0])
         if isinstance(network.middle, HeightFold):
             nx, ny, nz = network.middle.shape
             weight = network.middle.weight
-            # a voxel's features by the weights of its level, then summed over its column
+            # features times the weights of their voxel's level (0 in the terms of other levels),
+            # then summed over its column
             levels = [((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]
             x = torch.stack(levels).sum(0)
-            column = cells[:, 1] * ny + cells[:, 2]
+            column = cells[:, 1] * ny + cells[:, 2]  # ix * ny + iy
             occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
             # index_add would become ScatterND, whose threads lose summands
             flat = x.new_zeros(nx * ny, x.shape[1])
@@ -277,7 +278,9 @@ class OnnxDetector(VoxelNetDetector):
         return self._session
 
     def run(self, cloud: Points) -> dict[str, np.ndarray]:
-        """Outputs of the network by name. Raises ValueError if it fails."""
+        """Outputs of the network by name. Raises ValueError if it fails.
+
+        cloud: x y z in the network's frame (m)."""
         session = self.session
         points_only = len(session.get_inputs()) == 1
         inputs = self._points(cloud) if points_only else self._voxels(cloud)
@@ -344,7 +347,9 @@ class OnnxDetector(VoxelNetDetector):
         return self.finish_detections(kept_boxes, label_scores, cloud)
 
     def check_outputs(self, boxes: np.ndarray, scores: np.ndarray) -> None:
-        """Raise ValueError for scores beyond 0..1, and for boxes that no road user has."""
+        """Raise ValueError for scores beyond 0..1, and for boxes that no road user has.
+
+        boxes: x y z length width height yaw (m, 7), in m and rad."""
         is_wrong = ~((scores >= 0) & (scores <= 1))
         if is_wrong.any():
             remedy = "end the network in a sigmoid or softmax"

@@ -51,7 +51,7 @@ class OpenVinoProposal(nn.Module):
         if network is None:
             network = CompiledMaps(self.proposal, shape, self.precision)
             self._networks[shape] = network
-        class_maps = []
+        class_maps = []  # (rows, columns, channels) of each item
         feature_maps = []
         for item in x.permute(0, 2, 3, 1).float().cpu().numpy():
             class_logits, features = network(item)
@@ -125,15 +125,16 @@ def graph_layer(layer: nn.Module, shape: MapShape) -> "openvino.Model":
 
 
 def _graph_proposal(proposal: FoldedRegionProposal, shape: MapShape) -> "openvino.Model":
-    """Graph of a proposal part, with class logits and features as outputs."""
+    """Graph of a region proposal network, with class logits and features as outputs."""
     import openvino as ov
 
     x = _input_node(shape)
     node = x
-    block_maps = []
+    block_maps = []  # output of each block, the finest first
     for block, order in zip(proposal.blocks, proposal.order, strict=True):
         for number in order:
-            if not isinstance(block[number], nn.Identity):  # computed before
+            # an identity replaces a layer that is computed before the graph
+            if not isinstance(block[number], nn.Identity):
                 node = _relu(_convolve(node, block[number]))
         block_maps.append(node)
     if isinstance(proposal.join, LinearHead):

@@ -149,6 +149,7 @@ class _CountedStreet(NamedTuple):
             errors = compare_counts(self.measured, self.true)
             movements = [_list_error(error) for error in errors]
             for queue in self.true.queues:
+                # an entry at which no queue was measured
                 empty_queue = {"entry": queue.entry, "mean": 0.0, "longest": 0}
                 row = queues.setdefault(queue.entry, empty_queue)
                 row |= {"true_mean": queue.mean, "true_longest": queue.longest}
@@ -170,7 +171,7 @@ class _CountedStreet(NamedTuple):
         site = self.street.site
         bearings = []
         for arm in self.arms:
-            direction_x, direction_y = arm.direction
+            direction_x, direction_y = arm.direction  # from the middle of the junction
             bearing = bearing_deg(site, float(np.arctan2(direction_y, direction_x)))
             bearings.append(ArmBearing(arm.name, bearing))
         source = "true road users" if self.measured is None else "tracks"
@@ -219,7 +220,7 @@ def _describe(result: StreetRow) -> str:
 
 def _describe_total(row: StreetRow) -> str:
     """Line of a group of classes; figures without road users are left out."""
-    group = str(row["group"]).removesuffix("s")
+    group = str(row["group"]).removesuffix("s")  # `describe_count` adds the s of the plural
     parts = [_describe_number(describe_count(row["count"], group), row["speed_km_h"])]
     if "true_count" in row:
         parts.append(_describe_number(f"true {row['true_count']}", row["true_speed_km_h"]))
