@@ -298,7 +298,7 @@ class Objective(FeasibleSets):
         """Score of one set, given as indices or names of candidates.
 
         Raises ValueError for an unknown candidate."""
-        row = self.row(subset)
+        row = self.row(subset)  # mask of the candidates
         scores = self.scores(row[None])  # arrays with one figure
         class_ap = self.class_ap(row[None])[0].tolist()
         return Score(

@@ -120,6 +120,7 @@ class ProjectFile:
             f"{json.dumps(name)}: {_format_variant(variant)}"
             for name, variant in planner.variants.items()
         )
+        # the latest steps that can be undone: name of a variant, and the variant before the step
         past = ", ".join(
             f"[{json.dumps(name)}, {_format_variant(variant)}]"
             for name, variant in planner.past_steps[-MAX_SAVED_STEPS:]
@@ -156,7 +157,7 @@ class ProjectFile:
                 f"it is of another site, or another version of {project.value.get('site')!r:.60}"
             )
         variants = project.node("variants")
-        past = project.get("past", list)
+        past = project.get("past", list)  # steps that can be undone, the latest last
         if not 0 < len(variants.value) <= MAX_VARIANTS:
             raise ValueError(f"it needs 1 to {MAX_VARIANTS} variants, and past steps")
         variants_by_name = {
