@@ -15,9 +15,12 @@ MAX_MINIBUS_LENGTH_M = 8.0
 
 
 def draw_bus(rng: Rng) -> DrawnMesh:
-    """Draw a minibus, city bus, coach, or bendy bus with its bellows."""
+    """Draw a minibus, city bus, coach, or bendy bus with its bellows.
+
+    x forward from the middle, z = 0 on the ground; lengths in m. A few are double deckers."""
     is_bendy = rng.random() < BENDY_SHARE
     length = _draw_length(is_bendy, rng)
+    # both grow with the length, from the shortest bus of 6.2 m on
     width = float(np.clip(2.05 + 0.085 * (length - 6.2) + rng.normal(0, 0.06), 2.0, 2.58))
     height = float(np.clip(2.65 + 0.1 * (length - 6.2) + rng.uniform(-0.15, 0.5), 2.55, 3.85))
     if rng.random() < DOUBLE_DECKER_SHARE:
@@ -37,7 +40,7 @@ def draw_bus(rng: Rng) -> DrawnMesh:
     rear_overhang = float(rng.uniform(0.22, 0.3)) * min(length, 12.0)
     axles = [front - front_overhang, -front + rear_overhang]
     if is_bendy:
-        axles.append(0.08 * length)
+        axles.append(0.08 * length)  # one more, a little ahead of the middle
     mirror = _draw_mirror(front, width, bottom + 0.6 * (height - bottom), rng)
     short_kind = "minibus" if length < MAX_MINIBUS_LENGTH_M else "bus"
     wheels = make_axles(axles, width=width - 0.04, radius=wheel_radius, sides=12)
