@@ -66,7 +66,9 @@ class OpenLabelWriter:
         self._file.write(f'{text}, "frames": {{')
 
     def write(self, instant: Instant) -> None:
-        """Write an instant as the next frame."""
+        """Write an instant as the next frame.
+
+        Classes are kept for the list of objects, which comes last in the file."""
         objects = {}
         velocities = instant.known_velocities()
         for row, track_id in enumerate(instant.list_ids()):

@@ -106,6 +106,6 @@ class OsiWriter:
             orientation=osi.Orientation3d(roll=0.0, pitch=0.0, yaw=yaw),
         )
         if velocity is not None:
-            x, y, z = velocity
-            base.velocity = osi.Vector3d(x=x, y=y, z=z)
+            velocity_x, velocity_y, velocity_z = velocity
+            base.velocity = osi.Vector3d(x=velocity_x, y=velocity_y, z=velocity_z)
         return base

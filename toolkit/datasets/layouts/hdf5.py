@@ -86,7 +86,9 @@ def _load(path: Path, numbers: Mapping[str, int], name: str) -> Frame:
 
 
 def _read_frame(file: h5py.File, path: str, name: str) -> Frame:
-    """Read a frame. path: path of its group in the file; name: name of the frame."""
+    """Read a frame. Raises ValueError for damaged values.
+
+    path: path of its group in the file; name: name of the frame."""
     about = parse_json(reader.text(file, f"{path}/about"))
     sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))
     clouds = tuple(_read_cloud(file, f"{path}/clouds/{k}", sensor) for k, sensor in sensors)
