@@ -113,7 +113,9 @@ class Survey:
         }
 
     def text(self, sensor_sets: Sequence[Sequence[int]]) -> str:
-        """Return the figures as lines of text; sensor_sets: sets of sensor indices."""
+        """Return the figures as lines of text.
+
+        sensor_sets: sets of sensor indices for which points on objects are summed up."""
         figures = self.as_dict(sensor_sets)
         objects = "  ".join(
             f"{name} {number:.2f}" for name, number in self.objects_per_frame.items()
@@ -135,7 +137,7 @@ class Survey:
                 )
                 lines.append(f"{label} from {sensors}: {unseen_text}, {points}")
         if self.agreement is not None:
-            agree, compared_count = self.agreement
+            agree, compared_count = self.agreement  # with the numbers that the data set states
             lines.append(
                 f"{agree} of {compared_count} labelled cuboids hold as many points as the set says"
             )
@@ -233,7 +235,7 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     site: site whose area limits the objects and points that count, None for all; codec:
     gives the bits of the points."""
     objects = frame.objects
-    count = count_points  # counts the points in boxes
+    count = count_points  # function of points and boxes
     if site is None:
         clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
     else:
