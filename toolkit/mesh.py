@@ -84,7 +84,7 @@ def tube(
         path: Points (s, 3) of the line, m.
         radii: One radius, or one for each point, m.
         sides: Number of sides of its cross-section.
-        flat: Scale of its breadth along y, or along x for a bar that runs along y.
+        flat: Scale of its breadth along y, or along z for a bar that runs along y.
     """
     line = np.asarray(path, np.float64)
     radius = np.broadcast_to(np.asarray(radii, np.float64), len(line))
