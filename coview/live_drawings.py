@@ -106,7 +106,8 @@ class SensorDrawings:
                 node.remove()
         for index, live_sensor in enumerate(variant.sensors):
             name = live_sensor.name
-            state = index, live_sensor  # all that the drawing shows; the index decides the colour
+            # all that the drawing shows; the index decides the colour
+            state = index, live_sensor
             if name in self._nodes and self._drawn_states.get(name) == state:
                 continue
             self._drawn_states[name] = state

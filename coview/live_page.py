@@ -74,7 +74,8 @@ class LivePage:
         self.folder = folder
         self._answer: LiveAnswer | None = None  # figures that are shown
         self._begun = False  # True once controls and scene are there
-        self._last_played_s = 0.0  # by `time.monotonic`: when a frame of traffic was played last
+        # by `time.monotonic`: when a frame of traffic was played last
+        self._last_played_s = 0.0
         site = planner.yard.site
         self.cameras = LiveCameras(site.area)
         middle = self.cameras.middle

@@ -159,13 +159,15 @@ class VoxelNetDetector:
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
         cell_sides = np.array(self.config.stride)  # in the map, along x and y (m)
-        parts = []  # detections for each shift of the grid
+        # detections for each shift of the grid
+        parts = []
         for phase in range(self.phases):
             # shift (m) by parts of a cell of the map along x and y, spread evenly over the cell for
             # any number of phases; heights stay
             shift = np.append(phase * SHIFT_STEPS % 1 * cell_sides, 0.0)
             (detections,) = self.batch([(points + shift).astype(np.float32)])
-            box_shift = np.append(shift, np.zeros(4))  # of x, y, z; sizes and yaw stay
+            # for x, y, z; sizes and yaw stay
+            box_shift = np.append(shift, np.zeros(4))
             parts.append(replace(detections, boxes=detections.boxes - box_shift))
         merged = Detections.merge(parts)
         kept_rows = nms(merged.boxes, merged.scores, self.nms_threshold, labels=merged.labels)

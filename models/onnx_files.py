@@ -66,7 +66,8 @@ class _Graph(nn.Module):
             # then summed over its column
             levels = [((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]
             x = torch.stack(levels).sum(0)
-            column = cells[:, 1] * ny + cells[:, 2]  # ix * ny + iy
+            # ix * ny + iy
+            column = cells[:, 1] * ny + cells[:, 2]
             occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
             # index_add would become ScatterND, whose threads lose summands
             flat = x.new_zeros(nx * ny, x.shape[1])

@@ -119,7 +119,7 @@ class WideVoxelNetDetector(VoxelNetDetector):
         candidates = decoding.all_candidates(
             classified, self.anchors, self.config, self._least_scores
         )
-        # of each candidate; the map's rows go along x, its columns along y
+        # for each candidate; the map's rows go along x, its columns along y
         cell = candidates.place // len(self.config.anchor_labels)
         columns = self.config.map_shape[1]
         is_in_block = torch.ones_like(cell, dtype=torch.bool)

@@ -299,7 +299,8 @@ def _read_thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
         try:
             ends = [float(threshold) for threshold in iou.split(":")]
         except ValueError:
-            ends = []  # refused below
+            # refused below
+            ends = []
         if len(ends) not in (1, 2) or not 0 < ends[0] <= ends[-1] <= 1:
             raise ValueError(f"iou must lie in (0, 1], as 0.7 or 0.5:0.95, got {iou}")
         if len(ends) == 1:

@@ -138,8 +138,8 @@ def are_close(first: BoxRows, second: BoxRows, gap: float) -> Bool[np.ndarray, "
     cos = np.abs(np.cos(turn))
     sin = np.abs(np.sin(turn))
     is_close = np.ones(len(dx), np.bool_)
-    # offset of the middles in the frame of each box, and the offset up to which they overlap: half
-    # of the box itself, and half of the extent of the other box along its axes
+    # offset of the middles in the frame of each box, and the offset up to which they overlap: the
+    # half size of the box itself, and half the extent of the other box along its axes
     for yaw, near_half, far_half in (
         (first[:, 6], half_first, half_second),
         (second[:, 6], half_second, half_first),

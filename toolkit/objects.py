@@ -253,7 +253,8 @@ def _parse_labels(labels: ArrayLike | None, n: int) -> np.ndarray:
     if labels is None:
         return np.full(n, VEHICLE, np.int64)
     labels = np.asarray(labels)
-    if labels.dtype.kind not in "biufUO":  # numbers, then texts or objects that are texts
+    # numbers, then texts or objects that are texts
+    if labels.dtype.kind not in "biufUO":
         raise ValueError(
             f"labels must be numbers or names of {LABELS}, got an array of {labels.dtype}"
         )

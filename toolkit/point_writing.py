@@ -86,7 +86,8 @@ def format_ply(attributes: Attributes) -> bytes:
     if "colors" in attributes:
         columns |= _split(PLY_COLOURS, _as_bytes(attributes["colors"]))
     for name, column in _single_columns(attributes, columns).items():
-        ply_column = _fit_ply(name, column)  # None if PLY cannot hold it
+        # None if PLY cannot hold it
+        ply_column = _fit_ply(name, column)
         if ply_column is not None:
             columns[name] = ply_column
     little_endian = [column.astype(column.dtype.newbyteorder("<")) for column in columns.values()]

@@ -129,8 +129,10 @@ def voxelise(
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
     """One batch of several clouds (or batches), in their order."""
-    voxel_parts = []  # voxel of each point, counted over the batch
-    cell_parts = []  # item, ix, iy and iz of each occupied voxel
+    # voxel of each point, counted over the batch
+    voxel_parts = []
+    # item, ix, iy and iz of each occupied voxel
+    cell_parts = []
     items = 0  # so far
     rows = 0  # occupied voxels so far
     for voxels in batch:

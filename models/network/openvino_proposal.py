@@ -51,7 +51,8 @@ class OpenVinoProposal(nn.Module):
         if network is None:
             network = CompiledMaps(self.proposal, shape, self.precision)
             self._networks[shape] = network
-        class_maps = []  # (rows, columns, channels) of each item
+        # (rows, columns, channels) of each item
+        class_maps = []
         feature_maps = []
         for item in x.permute(0, 2, 3, 1).float().cpu().numpy():
             class_logits, features = network(item)
@@ -130,7 +131,8 @@ def _graph_proposal(proposal: FoldedRegionProposal, shape: MapShape) -> "openvin
 
     x = _input_node(shape)
     node = x
-    block_maps = []  # output of each block, the finest first
+    # output of each block, the finest first
+    block_maps = []
     for block, order in zip(proposal.blocks, proposal.order, strict=True):
         for number in order:
             # an identity replaces a layer that is computed before the graph

@@ -226,7 +226,8 @@ class ClassifiedCells(NamedTuple):
 
         places: item, row, column and anchor of each; anchors: number of anchors in a cell."""
         items, _, rows, columns = self.features.shape
-        cell = (places.item * rows + places.row) * columns + places.column  # over the batch
+        # over the batch
+        cell = (places.item * rows + places.row) * columns + places.column
         # cells with a place, each once, and the index in them of each place's cell
         groups = Groups.from_numbers(cell)
         cells = groups.number
@@ -585,7 +586,7 @@ class SparseMiddle(nn.Module):
         for layer in self.layers:
             reached, values = layer(reached, plane)
         level, position = torch.nonzero(reached.mask, as_tuple=True)
-        # values of an empty grid, and then those of the cells that a point has reached
+        # values of an empty grid, replaced in the cells that a point has reached
         grid = self.layers[-1].everywhere(plane)
         grid[(*plane.cell(position), level)] = values
         return grid.flatten(3).permute(0, 3, 1, 2)

@@ -138,7 +138,8 @@ class PlacedClouds(NamedTuple):
         tile_x, tile_y = (self.cells[:, :2] // size).T
         column_x, column_y = (self.cells[:, :2] % size).T  # within the tile
         row_parts = []
-        key_parts = []  # tile * clouds + cloud
+        # tile * clouds + cloud
+        key_parts = []
         # 0: the tile that holds the point; 1: the next one, if the point is in its margin
         for dx, dy in product((0, 1), (0, 1)):
             is_reached_x = (column_x >= size - before) | (dx == 0)
@@ -344,7 +345,8 @@ class TiledVoxelNet:
         """Choose tiles for the network's map, and take over its layers."""
         self._network = network
         self.config = network.config
-        self._map = rows, columns = self.config.map_shape  # cells along x and y
+        # cells along x and y
+        self._map = rows, columns = self.config.map_shape
         self.size = choose_size(rows, columns)  # cells of the head's map along a tile's side
         self._grid = -(-rows // self.size), -(-columns // self.size)  # tiles along x and y
         # the first convolution is in `SparseColumns`, so the first block has one less
@@ -533,7 +535,7 @@ class TiledVoxelNet:
             """Values of tiles, each in one union."""
             # each tile with a margin of one cell from the eight tiles around it
             patches = bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3])
-            # indices of the tiles in the grid; in `entry_of`, with its margin, those of the tiles
+            # indices of the tiles in the grid; in `entry_of`, with its margin, indices of the tiles
             # before them along both axes
             x, y = self._corners(tiles).T
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):

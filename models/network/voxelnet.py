@@ -207,9 +207,11 @@ class MiddleLayers(nn.Module):
     def __init__(self, config: VoxelNetConfig) -> None:
         """Make the three convolutions of a configuration, with random weights."""
         super().__init__()
-        self.shape = config.grid_shape  # voxels along x, y and z
-        widths = pairwise((config.voxel_width, *config.middle_widths))  # inputs, outputs
-        # of the three layers, along z, x and y
+        # voxels along x, y and z
+        self.shape = config.grid_shape
+        # inputs, outputs
+        widths = pairwise((config.voxel_width, *config.middle_widths))
+        # for the three layers, along z, x and y
         strides = ((2, 1, 1), (1, 1, 1), (2, 1, 1))
         paddings = ((1, 1, 1), (0, 1, 1), (1, 1, 1))
         self.layers = nn.ModuleList()
@@ -349,7 +351,8 @@ class RegionProposal(nn.Module):
         """Feature map for the head, at the resolution of the first block.
 
         x: map of the grid seen from above, H along its x axis and W along its y axis."""
-        maps = []  # of each block, the finest first, all brought to one resolution
+        # a map for each block, the finest first, all brought to one resolution
+        maps = []
         for block, order, upsample in zip(self.blocks, self.order, self.upsample, strict=True):
             for layer in order:
                 x = block[layer](x)  # type: ignore[index]

@@ -178,7 +178,8 @@ class _Course:
         After each epoch the network is validated and a checkpoint saved; one is saved too whenever
         `checkpoint_s` seconds have passed since the last."""
         state = self.state
-        saved = time.monotonic()  # time (s) of the last checkpoint
+        # time (s) of the last checkpoint
+        saved = time.monotonic()
         # a resumed training counts as begun earlier, by the time that it has already taken
         began = saved - state.spent
         for batch in batches:

@@ -116,7 +116,8 @@ def read_recordings(path: Path) -> list[PackedRecording]:
     """Recordings of a packed file, one for each rig, ready to be packed again."""
     packed = PackedFrames(path)
     changes_by_rig: list[list[Change]] = [[] for _ in packed.rigs]
-    for k in range(len(packed)):  # frames of all rigs, in the order of the file
+    # frames of all rigs, in the order of the file
+    for k in range(len(packed)):
         pixels, steps = packed.changes(k)
         clouds = tuple(packed.points(k, rng=None)) if packed.is_recorded(k) else None
         frame_change = Change(
@@ -241,7 +242,7 @@ def _write(
 def _write_rig(group: h5py.Group, rig: Rig) -> None:
     """Write the sensors, the crop and the empty site of a rig to its group.
 
-    The pixels and depths of all sensors are concatenated; "ends" tells the end of each one's."""
+    The pixels and depths of all sensors are concatenated; "ends" holds the end of each sensor's."""
     group.attrs["area"] = np.array(rig.area, np.float64)
     group.attrs["height"] = rig.height
     if rig.slope != LEVEL:

@@ -154,7 +154,8 @@ def find_ends(
     last_times: dict[int, float] = {}
     ages: dict[int, float] = {}
     for frame, frame_tracks in zip(frames, tracks, strict=True):
-        is_seen = frame_tracks.unseen == 0  # detected in this frame, not only predicted
+        # detected in this frame, not only predicted
+        is_seen = frame_tracks.unseen == 0
         for track, box in zip(
             frame_tracks.ids[is_seen].tolist(), frame_tracks.boxes[is_seen], strict=True
         ):
@@ -165,5 +166,6 @@ def find_ends(
     ended = [track for track, time in last_times.items() if time < end and ages[track] >= MIN_AGE_S]
     # xmin, ymin, xmax, ymax (m)
     inner_area = site.area + np.array([BORDER_M, BORDER_M, -BORDER_M, -BORDER_M])
-    boxes = np.array([last_boxes[track] for track in ended]).reshape(-1, 7)  # (0, 7) without tracks
+    # (0, 7) without tracks
+    boxes = np.array([last_boxes[track] for track in ended]).reshape(-1, 7)
     return has_centre_inside(boxes, inner_area)

@@ -69,7 +69,8 @@ class PoseRig:
     def to_candidates(self) -> Candidates:
         """Sensors in their present poses."""
         start = self.candidates
-        height = self.aim[:, 0]  # above the mount's foot (m)
+        # above the mount's foot (m)
+        height = self.aim[:, 0]
         sensor_z = _feet_z(start) + height
         sensors = []
         for row, sensor in enumerate(start.sensors):

@@ -82,7 +82,8 @@ class Scenario:
             raise ValueError(f"{problem}: make it with slots={self.width}")
         # slots with a candidate whose link carries its data
         self.usable = np.pad(objective.linked, (0, slots - self.width))
-        sees_place = places_seen(objective)  # axes: candidate, place
+        # axes: candidate, place
+        sees_place = places_seen(objective)
         _, self.places = sees_place.shape
         # places in bits, 64 in a word; places and slots that are missing stay 0
         slot_places = np.zeros((slots, MAX_PLACES), np.bool_)

@@ -74,7 +74,8 @@ class State:
         self._max_steps = max_steps
         self.scenarios: list[Scenario | None] = [None] * n
         self.ready = False
-        self.groups: list[tuple[Scenario, Rows]] = []  # each scenario with the index of its rows
+        # each scenario with the index of its rows
+        self.groups: list[tuple[Scenario, Rows]] = []
         self._weights = np.zeros((2, n))  # rows: weights of kbit per sensor and of price
         # last global features: two weights, and the scheme
         self._constants = np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
@@ -95,7 +96,7 @@ class State:
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
         """Start new episodes in some rows.
 
-        rows: indices of the rows; episodes: one for each of them, in their order."""
+        rows: indices of the rows; episodes: one for each row, in their order."""
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = (
             STEPS_PER_SENSOR * self.budget[rows] if self._max_steps is None else self._max_steps

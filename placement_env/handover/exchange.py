@@ -106,14 +106,15 @@ def write_exchange(
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
     """Mounting schedule as CSV text, a line for each sensor under a line of headings.
 
-    Lengths are in m (site frame), angles in degrees, kbit per frame. currency: of the prices, ""
+    Lengths are in m (site frame), angles in degrees, kbit per frame. currency: the prices', ""
     if they are counted in ordinary poles.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(SCHEDULE_COLUMNS)
     for sensor in sensors:
-        row = [  # in the order of `SCHEDULE_COLUMNS`
+        # in the order of `SCHEDULE_COLUMNS`
+        row = [
             safe_cell(sensor.pole),
             safe_cell(sensor.name),
             _fixed(sensor.x, 3),

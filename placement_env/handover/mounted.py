@@ -483,7 +483,8 @@ def bill_of_rates(
 def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem, ...]:
     """Line for each model and price of sensors, then for each price of poles."""
     models = Counter((sensor.model, sensor.model_price) for sensor in sensors)
-    poles = Counter[float]()  # number of poles of each price
+    # number of poles of each price
+    poles = Counter[float]()
     earlier_poles: set[str] = set()
     for sensor in sensors:
         # a pole's price is on the first sensor of the pole

@@ -157,7 +157,8 @@ class ProjectFile:
                 f"it is of another site, or another version of {project.value.get('site')!r:.60}"
             )
         variants = project.node("variants")
-        past = project.get("past", list)  # steps that can be undone, the latest last
+        # steps that can be undone, the latest last
+        past = project.get("past", list)
         if not 0 < len(variants.value) <= MAX_VARIANTS:
             raise ValueError(f"it needs 1 to {MAX_VARIANTS} variants, and past steps")
         variants_by_name = {

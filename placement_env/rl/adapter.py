@@ -156,7 +156,7 @@ class SB3VecEnv(VecEnv):
             self._rotations[is_new] = rotations(self._rng, int(is_new.sum()))
 
     def _rotate(self, observations: np.ndarray) -> np.ndarray:
-        """Copy of observations (episodes, values), with each junction rotated by its own angle.
+        """Copy of observations (episodes, values), with each junction rotated by its row's angle.
 
         Without `augment` the observations themselves come back."""
         if not self._augment:

@@ -137,9 +137,11 @@ def loft_parts(shape: Proportions) -> Mesh:
     parts = [loft(np.concatenate([left, right], axis=1))]
     breadth = shape.tyre * shape.width
     wheel = make_wheel(0.0, 0.0, radius=shape.wheel, breadth=breadth)
-    for axle in shape.axles:  # distance from the front (m)
+    # distance from the front (m)
+    for axle in shape.axles:
         (half_width,) = shape.half_width(np.array([axle / shape.length]))
-        outer_side = float(half_width) * 0.985  # y of the wheel's outer side, just inside the body
+        # y of the wheel's outer side, just inside the body
+        outer_side = float(half_width) * 0.985
         left_wheel = place(wheel, x=shape.length / 2 - axle, y=outer_side - breadth / 2)
         parts += [left_wheel, flip_sides(left_wheel)]
     return merge(parts)

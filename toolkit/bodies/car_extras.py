@@ -153,7 +153,8 @@ def _draw_roof_box(x: float, roof_width: float, z: float, rng: Rng) -> Mesh:
         np.column_stack([np.full(6, x + length * station), y + ring[:, 0], z + ring[:, 1] * share])
         for station, share in sections
     ]
-    bar = (0.06, 0.9 * roof_width, 0.05 + 0.1 * height)  # length, width, height (m)
+    # length, width, height (m)
+    bar = (0.06, 0.9 * roof_width, 0.05 + 0.1 * height)
     bars = [plank(bar, x=x + side * 0.3 * length, y=0.0, z=z - 0.03) for side in (-1, 1)]
     return merge([loft(np.stack(rings)), *bars])
 
@@ -163,7 +164,8 @@ def _draw_rack(x: float, length: float, roof_width: float, z: float, rng: Rng) -
 
     x: middle of the roof; length: length of the rack; roof_width: width of the roof;
     z: height of the roof (all m)."""
-    height = float(rng.uniform(0.05, 0.14))  # of the bars above the roof (m)
+    # height of the bars above the roof (m)
+    height = float(rng.uniform(0.05, 0.14))
     # sizes: length, width, height (m)
     bar_size = (0.05, 0.9 * roof_width, 0.04)
     foot_size = (0.04, 0.04, height + 0.05)

@@ -187,7 +187,8 @@ def _list_cabin_levels(shape: Proportions, chamfer: float) -> list[_Level]:
     """Levels of the cabin: its foot on the lower body, and the roof.
 
     chamfer: breadth of the slanted edges (m)."""
-    stations, tops = shape.profile.T  # parts of the length from the front, and of the height
+    # parts of the length from the front, and of the height
+    stations, tops = shape.profile.T
     roof_stations = stations[tops >= 0.93]
     foot_stations = stations[tops >= 0.7]
     # x as parts of the length, from 0.5 at the front to -0.5 at the rear

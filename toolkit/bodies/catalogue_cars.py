@@ -82,8 +82,9 @@ def _make_proportions(row: _CatalogueRow) -> Proportions:
     profile = np.array(CAR_PROFILES[row.style])
     profile[2:-2, 0] += row.rake  # stations of all but the two first and the two last rows
     share = PICKUP_FRONT_OVERHANG_SHARE if is_pickup else FRONT_OVERHANG_SHARE
-    overhang = (row.length - row.wheelbase) * share  # from the front to the first axle (m)
-    # what a row does not tell is equal for all cars
+    # from the front to the first axle (m)
+    overhang = (row.length - row.wheelbase) * share
+    # what a row does not hold is equal for all cars
     return Proportions(
         kind=row.style,
         length=row.length,

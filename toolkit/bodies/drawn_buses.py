@@ -40,7 +40,8 @@ def draw_bus(rng: Rng) -> DrawnMesh:
     rear_overhang = float(rng.uniform(0.22, 0.3)) * min(length, 12.0)
     axles = [front - front_overhang, -front + rear_overhang]
     if is_bendy:
-        axles.append(0.08 * length)  # one more, a little ahead of the middle
+        # one more, a little ahead of the middle
+        axles.append(0.08 * length)
     mirror = _draw_mirror(front, width, bottom + 0.6 * (height - bottom), rng)
     short_kind = "minibus" if length < MAX_MINIBUS_LENGTH_M else "bus"
     wheels = make_axles(axles, width=width - 0.04, radius=wheel_radius, sides=12)

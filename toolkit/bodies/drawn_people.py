@@ -151,11 +151,13 @@ def _draw_wheelchair(rng: Rng) -> Mesh:
         hands=pair(0.14, 0.13, hip + 0.09),
         stout=float(rng.uniform(0.9, 1.2)),
     )
-    wheels = [  # x and y, of the left side
+    # x and y, of the left side
+    wheels = [
         make_wheel(-0.08, half_width, radius=wheel_radius, breadth=0.04, sides=14),
         make_wheel(0.38, half_width - 0.05, radius=0.08, breadth=0.04, sides=8),
     ]
-    chair = [  # seat and back; sizes: length, width, height (m)
+    # seat and back; sizes: length, width, height (m)
+    chair = [
         plank((0.42, 1.7 * half_width, 0.06), x=0.0, y=0.0, z=seat - 0.06),
         plank((0.05, 1.7 * half_width, 0.45), x=-0.24, y=0.0, z=seat),
     ]

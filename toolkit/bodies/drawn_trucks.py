@@ -62,9 +62,12 @@ def draw_truck(rng: Rng) -> DrawnMesh:
     cab, mirrors = _draw_cab(
         front=length / 2, width=width, height=cab_height, length=cab_length, rng=rng
     )
-    gap = float(rng.uniform(0.05, 0.3))  # between cab and load
-    floor = float(rng.uniform(0.85, 1.2))  # height of the load's floor
-    front = length / 2 - cab_length - gap  # x of the load's front
+    # between cab and load
+    gap = float(rng.uniform(0.05, 0.3))
+    # height of the load's floor
+    floor = float(rng.uniform(0.85, 1.2))
+    # x of the load's front
+    front = length / 2 - cab_length - gap
     space = _LoadSpace(
         front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
     )
@@ -85,8 +88,10 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
     cab, mirrors = _draw_cab(
         front=length / 2, width=cab_width, height=cab_height, length=cab_length, rng=rng
     )
-    front = length / 2 - cab_length - float(rng.uniform(0.5, 1.0))  # x of the trailer's front
-    floor = float(rng.uniform(1.1, 1.3))  # height of the load's floor
+    # x of the trailer's front
+    front = length / 2 - cab_length - float(rng.uniform(0.5, 1.0))
+    # height of the load's floor
+    floor = float(rng.uniform(1.1, 1.3))
     space = _LoadSpace(
         front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
     )
@@ -248,7 +253,8 @@ def _draw_chassis(length: float, width: float, floor: float, rng: Rng) -> list[M
     wheel_radius = float(np.clip(usual_radius + rng.uniform(-0.03, 0.03), 0.34, 0.53))
     rear_axle = -length / 2 + float(rng.uniform(0.9, 0.28 * length))
     axles = [length / 2 - float(rng.uniform(1.0, 1.45)), rear_axle]
-    if length > 8.5:  # a long truck has two rear axles
+    # a long truck has two rear axles
+    if length > 8.5:
         axles.append(rear_axle + 2.3 * wheel_radius + 0.2)
     frame = plank((length - 0.8, 0.85, 0.28), x=-0.3, y=0.0, z=floor - 0.3)
     guard_size = (0.12, 0.93 * width, 0.14)

@@ -56,37 +56,43 @@ def draw_bicycle(rng: Rng) -> DrawnMesh:
     kind = "bicycle"
     load_chance = rng.random()
     if scale > 0.84 and load_chance < 0.1:
-        kind = "cargo_bicycle"  # longer, with a box ahead of the rider
+        # longer, with a box ahead of the rider
+        kind = "cargo_bicycle"
         length, width, depth = rng.uniform((0.45, 0.4, 0.3), (0.9, 0.65, 0.6)).tolist()
         cargo_box = plank((length, width, depth), x=0.5 + 0.2 * length, y=0.0, z=0.42)
         parts = [scale_mesh(bike, (1.3, 1, 1)), cargo_box]
     elif load_chance < 0.3:
-        bag = (0.36, float(rng.uniform(0.25, 0.42)), 0.32)  # length, width, height
+        # length, width, height
+        bag = (0.36, float(rng.uniform(0.25, 0.42)), 0.32)
         parts.append(plank(bag, x=-0.6 * scale, y=0.0, z=0.68 * scale))
     rider_rng = _choose_stream(rng, OTHER_STREAM_SHARE, scale)
-    grip: Vector = (  # x, y, z of the left hand
+    # x, y, z of the left hand
+    grip: Vector = (
         (0.45 + 0.1 * sporty) * scale,
         (0.29 - 0.09 * sporty) * scale,
         (1.04 - 0.12 * sporty) * scale,
     )
-    upright = 0.98 - 0.26 * sporty  # 1 for an upright back, less if it leans forward
+    # 1 for an upright back, less if it leans forward
+    upright = 0.98 - 0.26 * sporty
     stout = float(rider_rng.uniform(0.85, 1.2))
     parts.append(rider(height, saddle=0.95 * scale, grip=grip, upright=upright, stout=stout))
     return DrawnMesh(kind, merge(parts))
 
 
 def draw_e_scooter(rng: Rng) -> DrawnMesh:
-    """Draw an e-scooter with its rider, who stands on it. x forward, wheels on z = 0, m."""
+    """Draw an e-scooter with its standing rider. x forward, wheels on z = 0, lengths in m."""
     half_length = float(rng.uniform(0.4, 0.52))
     wheel_radius = float(rng.uniform(0.1, 0.14))
     bar_height = float(rng.uniform(1.0, 1.2))
     bar_x = half_length - 0.14
-    handlebar = [  # right end, middle and left end, each x, y, z
+    # right end, middle and left end, each x, y, z
+    handlebar = [
         (bar_x, -0.25, bar_height),
         (half_length - 0.13, 0.0, bar_height),
         (bar_x, 0.25, bar_height),
     ]
-    parts = [  # two wheels at x, y; the board; the column of the bar; the bar
+    # two wheels at x, y; the board; the column of the bar; the bar
+    parts = [
         make_wheel(-half_length, 0.0, radius=wheel_radius, breadth=0.05, sides=10),
         make_wheel(half_length, 0.0, radius=wheel_radius, breadth=0.05, sides=10),
         plank((1.7 * half_length, 0.16, 0.06), x=-0.05, y=0.0, z=wheel_radius),
@@ -100,7 +106,8 @@ def draw_e_scooter(rng: Rng) -> DrawnMesh:
     hand_z = (bar_height - wheel_radius - 0.06) / height
     pose = draw_pose(rider_rng, float(rider_rng.uniform(0.85, 1.2)))
     figure = Figure(
-        ankles=((0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)),  # the left foot ahead
+        # the left foot ahead
+        ankles=((0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)),
         elbows=pair(0.03, 0.15, 0.66),
         hands=pair(hand_x, 0.22 / height, hand_z),
         stout=pose.stout,
@@ -115,7 +122,8 @@ def draw_motorcycle(rng: Rng) -> DrawnMesh:
     x forward, wheels on z = 0, lengths in m."""
     has_fairing = bool(rng.random() < 0.5)
     scale = float(rng.uniform(0.88, 1.12))
-    stretch = (float(rng.uniform(0.94, 1.1)), 1, 1)  # frames differ in length
+    # frames differ in length
+    stretch = (float(rng.uniform(0.94, 1.1)), 1, 1)
     bike = scale_mesh(scale_mesh(_make_motorcycle(has_fairing), scale), stretch)
     rider_rng = _choose_stream(rng, OTHER_STREAM_SHARE, scale)
     bent = float(rider_rng.uniform(0, 1))  # 0 upright, 1 bent over the tank
@@ -140,13 +148,14 @@ def draw_scooter(rng: Rng) -> DrawnMesh:
     height = float(np.clip(rider_rng.normal(1.71, 0.09), 1.5, 1.98))
     upright = float(rider_rng.uniform(0.9, 0.98))
     stout = float(rider_rng.uniform(0.9, 1.15))
-    grip = (0.42 * scale, 0.27, 0.98 * scale)  # x, y, z of the left hand
+    # x, y, z of the left hand
+    grip = (0.42 * scale, 0.27, 0.98 * scale)
     foot_rest = (0.31 * scale, 0.32 * scale)  # x and z
     saddle = 0.79 * scale  # height
     driver = rider(height, saddle, grip, upright=upright, stout=stout, foot_rest=foot_rest)
     parts = [bike, driver]
     if rider_rng.random() < COURIER_SHARE:
-        # the rucksack of a person who stands, made larger and put on the back of one who sits
+        # the rucksack of a standing person, made larger and put on the back of a seated one
         rucksack = people.backpack(height)
         offset = [-0.2, 0.0, saddle - 0.45 * height]
         parts.append(Mesh(rucksack.vertices * [1.6, 1.4, 1.0] + offset, rucksack.triangles))

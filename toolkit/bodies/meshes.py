@@ -207,7 +207,8 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
     # triangle of each point, at even steps of the summed area
     steps = (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()
     triangle = np.searchsorted(np.cumsum(areas), steps).clip(max=len(a) - 1)
-    u, v = rng.random((2, _POINTS, 1))  # parts of both sides that start at corner a
+    # parts of both sides that start at corner a
+    u, v = rng.random((2, _POINTS, 1))
     # reflect points of the parallelogram into the triangle
     is_beyond = u + v > 1
     u = np.where(is_beyond, 1 - u, u)
@@ -269,12 +270,14 @@ def _measure_asymmetry(unit_points: Float64[np.ndarray, "n 3"]) -> Float64[np.nd
     # cells that are occupied, or have an occupied neighbour
     is_near = np.zeros_like(is_occupied)
     inner = slice(1, -1)
-    for shift in np.ndindex(3, 3, 3):  # 1: no shift along an axis
+    # 1: no shift along an axis
+    for shift in np.ndindex(3, 3, 3):
         shifted_cells = tuple(slice(start, start + _COARSE) for start in shift)
         is_near[inner, inner, inner] |= is_occupied[shifted_cells]
     shares = []
     for axis in range(3):
-        is_axis = np.eye(3, dtype=bool)[axis]  # True for the mirrored coordinate
+        # True for the mirrored coordinate
+        is_axis = np.eye(3, dtype=bool)[axis]
         mirrored_points = np.where(is_axis, 1 - 1e-9 - unit_points, unit_points)
         mirrored_cells = (mirrored_points * _COARSE).astype(np.int64)
         shares.append(1 - is_near[tuple(mirrored_cells.T + 1)].mean())

@@ -25,7 +25,8 @@ def draw_trailer(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     width = float(rng.uniform(*widths))
     drawbar_length = float(rng.uniform(0.8, 1.4))
     floor = float(rng.uniform(0.4, 0.6))
-    front = -shape.length / 2 - drawbar_length  # x of the trailer's front
+    # x of the trailer's front
+    front = -shape.length / 2 - drawbar_length
     wheel_radius = float(rng.uniform(0.24, 0.33))
     drawbar = tube(
         [(-shape.length / 2 + 0.1, 0.0, 0.42), (front - 0.2, 0.0, 0.46)], radii=0.05, sides=6

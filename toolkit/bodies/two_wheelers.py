@@ -151,7 +151,8 @@ def bicycle(radius: float) -> Mesh:
     seat = (-0.2, 0.0, 0.88)
     head = (0.36, 0.0, 0.82)
     stem = (0.40, 0.0, 1.0)
-    frame = [  # both ends of each tube; the fifth ends below the seat
+    # both ends of each tube; the fifth ends below the seat
+    frame = [
         (crank, seat),
         (crank, head),
         (seat, head),

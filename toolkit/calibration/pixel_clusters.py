@@ -168,7 +168,8 @@ def _measure_mode(
     numbers: index of each pixel's cluster, -1 for none; such pixels get a median of NaN and zeros.
     Returns flat images, one value for each pixel."""
     n = clusters.values.shape[1]  # frames
-    values = clusters.solid.ravel()  # those of a cluster are consecutive and ascend
+    # consecutive and ascending within a cluster
+    values = clusters.solid.ravel()
     # a number of -1 reads the last cluster; its figures are replaced at the end
     start = clusters.starts[numbers]
     end = clusters.ends[numbers]

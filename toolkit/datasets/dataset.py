@@ -253,7 +253,8 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         if faults_of_frame:
             count = sum(int((faults != "").sum()) for faults in faults_of_frame.values())
             first_frame, faults = next(iter(faults_of_frame.items()))
-            row = int((faults != "").argmax())  # first object with a fault
+            # first object with a fault
+            row = int((faults != "").argmax())
             example = f"objects/{first_frame} row {row}, which {faults[row]}"
             left_out = f"{self.path}: {count} objects in {len(faults_of_frame)} frames are left out"
             warnings.warn(f"{left_out}, the first is {example}", stacklevel=4)

@@ -195,8 +195,8 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
         has_class = np.isin(rows[:, _CLASS], range(len(LABELS)))
     size_rule = f"they must be positive and at most {MAX_EXTENT_M:g} m"
     class_rule = f"there are classes 0..{len(LABELS) - 1} {LABELS}"
-    # mask of the wrong rows, columns to show, and the fault in words, {} for the values of these;
-    # of several faults of a row the first counts
+    # mask of the wrong rows, columns to show, and the fault in words, {} for the columns' values;
+    # the first fault of a row counts
     rules = (
         (~has_numbers, slice(None), "holds NaN or infinity: {}"),
         (~has_size, _HALF_EXTENTS, f"has half extents {{}}: {size_rule}"),

@@ -134,7 +134,7 @@ class TransformTree:
         moving: dict[str, dict[int, TransformLink]] = {}
         malformed_count = 0
         for link in links:
-            # a frame without a name is none
+            # a frame needs a name
             has_two_frames = link.child and link.parent and link.child != link.parent
             if link.parent_SE3_child is None or not has_two_frames:
                 malformed_count += 1

@@ -375,7 +375,8 @@ def format_rows(rows: Sequence[GroupRow]) -> str:
     table_keys = dict.fromkeys((row.label, row.protocol) for row in rows)
     for label, protocol in sorted(table_keys, key=lambda key: LABELS.index(key[0])):
         table_rows = [row for row in rows if (row.label, row.protocol) == (label, protocol)]
-        row_by_cell = {(row.among, row.measure): row for row in table_rows}  # one for each cell
+        # one for each cell
+        row_by_cell = {(row.among, row.measure): row for row in table_rows}
         measures = list(dict.fromkeys(row.measure for row in table_rows))
         lines = [["objects", "to find", *measures]]
         for among in dict.fromkeys(row.among for row in table_rows):

@@ -99,7 +99,8 @@ class _Course:
         seen_share = 1 - self.unseen_frames / frame_count
         certainty = score * seen_share * min(1.0, frame_count / MIN_LABEL_FRAMES)
         certainty *= 0.5 ** (jumps + self.overlaps)  # halved for each that is True
-        x, y = self.places[frame_count // 2].tolist()  # in the middle frame
+        # in the middle frame
+        x, y = self.places[frame_count // 2].tolist()
         return DoubtfulTrack(
             number=track_id,
             label=LABELS[int(np.bincount(self.labels).argmax())],
@@ -116,11 +117,13 @@ def rank_doubts(frames: Sequence[TrackFrame]) -> list[DoubtfulTrack]:
     """List the tracks of a recording, the most doubtful first, equal ones by number.
 
     frames: frames of the recording in order, with their tracks."""
-    courses: dict[int, _Course] = {}  # what is gathered of each track, by its number
+    # what is gathered of each track, by its number
+    courses: dict[int, _Course] = {}
     for frame in frames:
         tracks = frame.tracks
         overlap = iou_bev(tracks.boxes, tracks.boxes)
-        np.fill_diagonal(overlap, 0.0)  # of each track with itself
+        # each track with itself
+        np.fill_diagonal(overlap, 0.0)
         has_overlap = np.asarray((overlap > MIN_OVERLAP_IOU).any(axis=1))
         for row, track_id in enumerate(tracks.ids.tolist()):
             course = courses.setdefault(track_id, _Course())

@@ -137,7 +137,8 @@ class Survey:
                 )
                 lines.append(f"{label} from {sensors}: {unseen_text}, {points}")
         if self.agreement is not None:
-            agree, compared_count = self.agreement  # with the numbers that the data set states
+            # with the numbers that the data set states
+            agree, compared_count = self.agreement
             lines.append(
                 f"{agree} of {compared_count} labelled cuboids hold as many points as the set says"
             )
@@ -235,7 +236,8 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     site: site whose area limits the objects and points that count, None for all; codec:
     gives the bits of the points."""
     objects = frame.objects
-    count = count_points  # function of points and boxes
+    # function of points and boxes
+    count = count_points
     if site is None:
         clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
     else:

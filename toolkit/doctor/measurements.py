@@ -152,7 +152,7 @@ def _suspect_posture(exam: Examination) -> Iterator[Finding]:
 
 
 def _suspect_floating(exam: Examination) -> Iterator[Finding]:
-    """Find boxes whose floor is above or below the ground next to them, if most of them are so."""
+    """Find boxes whose floor is above or below the ground next to them, if this is usual."""
     slope = exam.site.relief.slope
     gaps_m = []  # heights of boxes' floors above the ground next to them
     for objects, cloud in exam.sample_clouds():
@@ -164,7 +164,8 @@ def _suspect_floating(exam: Examination) -> Iterator[Finding]:
             # points in a ring of 2 m around the box; the low ones are on the ground
             is_in_ring = (distances > radius) & (distances < radius + 2)
             ring_z = points[is_in_ring, 2]
-            if len(ring_z) >= 20:  # fewer do not show the ground
+            # fewer do not show the ground
+            if len(ring_z) >= 20:
                 floor_z = z - height / 2
                 gaps_m.append(floor_z - np.percentile(ring_z, 10))
     # fewer than ten boxes may be chance

@@ -63,12 +63,14 @@ class CollectivePerceptionWriter:
         What the messages cannot hold, such as more than `MAX_OBJECTS` objects, is left out and
         counted among the problems."""
         time_ns = nanoseconds(instant.time_s)
-        its_ms = count_its_ms(instant.time_s)  # ms since the epoch of ITS, 2004
+        # ms since the epoch of ITS, 2004
+        its_ms = count_its_ms(instant.time_s)
         add_problem(self.problems, BEFORE_2004, int(instant.time_s < ITS_EPOCH_S))
         add_problem(self.problems, TOO_MANY, max(len(instant) - MAX_OBJECTS, 0))
         instant = keep_surest(instant, MAX_OBJECTS)
         ids = instant.list_ids()
-        numbers = self._numbers.assign(ids)  # what messages call the tracks, of fewer bits
+        # what messages call the tracks, of fewer bits
+        numbers = self._numbers.assign(ids)
         add_problem(self.problems, OTHER_NUMBERS, int(np.not_equal(ids, numbers).sum()))
         content = CpmContent(
             its_ms=its_ms,

@@ -69,7 +69,8 @@ class _Mover:
                     "speed": _measure("MTS", speeds_m_s, interpolation_of_speed),
                 }
             )
-        ((label, _),) = self.labels.most_common(1)  # class number, and how often
+        # class number, and how often
+        ((label, _),) = self.labels.most_common(1)
         return {
             "type": "Feature",
             "id": str(track_id),

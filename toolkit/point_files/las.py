@@ -87,7 +87,7 @@ def _check_begin(content: bytes) -> None:
 def _check_header(header: Any, size: int) -> None:
     """Raise ValueError for a header whose numbers do not fit the file, or that is not in metres.
 
-    header: of laspy; size: bytes of the file."""
+    header: laspy's header; size: bytes of the file."""
     count = int(header.point_count)
     point_bytes = int(header.point_format.size)
     check_unpacked(count * point_bytes, MAX_CLOUD_BYTES)
@@ -129,7 +129,7 @@ def _check_unit(header: Any) -> None:
 def _attributes(header: Any, points: Any) -> Attributes:
     """Return the columns of all points that are not withheld; flags are left out.
 
-    header, points: of laspy. Colours come back as bytes, unless all are 0."""
+    header, points: laspy's. Colours come back as bytes, unless all are 0."""
     positions = np.column_stack([np.asarray(points[axis], np.float64) for axis in "xyz"])
     if len(positions) != header.point_count:
         raise ValueError(
@@ -151,7 +151,8 @@ def _attributes(header: Any, points: Any) -> Attributes:
             columns[name] = np.asarray(points[name])[is_kept]
     if set(_COLOURS) <= set(names):
         colours = np.column_stack([np.asarray(points[name])[is_kept] for name in _COLOURS])
-        if colours.any():  # a format with colours is often used without them
+        # a format with colours is often used without them
+        if colours.any():
             columns |= dict(zip(_COLOURS, _as_byte_colours(colours).T, strict=True))
     return name_attributes(columns)
 

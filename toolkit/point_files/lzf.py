@@ -22,7 +22,8 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
             position += 2
             start = len(out) - distance
             length = length + 2
-            if start < 0 or len(out) > size:  # damaged, refused below
+            # damaged, refused below
+            if start < 0 or len(out) > size:
                 break
             # if it is longer than its distance, it repeats what it copies
             source = out[start : start + length]

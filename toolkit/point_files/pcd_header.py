@@ -137,7 +137,8 @@ def _check_fields(fields: Sequence[_Field]) -> None:
     point_names = [name for name in names if name != PADDING]
     if len(set(point_names)) < len(point_names):
         raise ValueError(f"two fields have one name: {', '.join(names)[:200]}")
-    coordinate_names = find_axes(names).names  # fields that hold x, y and z
+    # fields that hold x, y and z
+    coordinate_names = find_axes(names).names
     kinds = [field.kind for field in fields]  # pairs of TYPE and SIZE
     counts = [field.value_count for field in fields]
     is_known = all(kind in _TYPES for kind in kinds)

@@ -95,7 +95,8 @@ def ground(site: Site) -> Mesh:
     shapes = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
     ponds = shapely.union_all(shapes)
     shapely.prepare(ponds)
-    cells = _make_cells(site.area)  # (cells, 4 corners, xy)
+    # (cells, 4 corners, xy)
+    cells = _make_cells(site.area)
     low, high = np.split(np.array(ponds.bounds), 2)  # x and y each, NaN without ponds
     upper_right = cells[:, 1]  # corners are lower right, upper right, upper left, lower left
     lower_left = cells[:, 3]

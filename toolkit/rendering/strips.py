@@ -125,7 +125,8 @@ def cast_strips(
 
         window: row in `windows` of each ray's sector, whose object counts as seen; azimuth,
         elevation: direction of each ray (rad)."""
-        lines = np.empty((len(window), 6), np.float32)  # start x, y, z, and direction
+        # start x, y, z, and direction
+        lines = np.empty((len(window), 6), np.float32)
         lines[:, :3] = start.take(window, axis=0)
         horizontal_length = np.cos(elevation)  # horizontal part of the unit direction
         np.multiply(horizontal_length, np.cos(azimuth), out=lines[:, 3])

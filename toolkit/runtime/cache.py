@@ -446,9 +446,9 @@ def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Impo
 
 @cache
 def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
-    """Imports by which a package's `__init__` or stub offers `name`; all of them for "*".
+    """Imports by which a package's `__init__` or stub offers `name`; all imports for "*".
 
-    source: of the file; package: its name, from which relative imports start."""
+    source: text of the file; package: its name, from which relative imports start."""
     by_name: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):

@@ -262,7 +262,7 @@ class PoleSway(_Term):
         """Tilt and move the believed pose as the sensor's pole sways at the time of the frame.
 
         `self.amplitude` (rad) is how far its tip turns, `self.period` (s) the mean period. Each
-        pole has a direction, phase and period, drawn once."""
+        pole has a direction, phase and period, equal in all frames."""
         position = reading.truth.sensor.position
         height = max(position[2], 0.0)
         # shares from 0 to 1, the same in every frame: heading and phase as shares of a full turn
@@ -403,7 +403,8 @@ class Glass(_Term):
         is_glass = self.band(reading.truth) & is_pane & reading.valid
         is_inside = is_glass & returns_from_inside
         pixels = np.flatnonzero(is_inside)
-        depth = np.zeros(is_glass.size)  # of each pixel, m behind the glass along the ray
+        # for each pixel, m behind the glass along the ray
+        depth = np.zeros(is_glass.size)
         depth[pixels] = depth_share.ravel()[pixels] * _depths_of_boxes(reading.truth, pixels)
         # a camera measures the depth along its axis, which is shorter than the way along the ray
         deeper = (depth.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)

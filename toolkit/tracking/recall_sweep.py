@@ -52,7 +52,8 @@ def sweep_recalls(
     Args:
         frames: True objects and tracks of each frame.
         threshold: Similarity from which an object and a track match."""
-    mean_scores = average_scores(frames)  # by number of the track
+    # by number of the track
+    mean_scores = average_scores(frames)
     scored = [overlap.scored(threshold) for overlap in frames]
     clear = match_clear([overlap.pairs for overlap in scored], threshold)
     objects = clear.objects

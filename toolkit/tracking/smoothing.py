@@ -261,7 +261,8 @@ def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRo
     count = len(single.ids)
     detections = single.detections
     yaw = detections.boxes[:, 6]
-    boxes = detections.boxes.copy()  # with yaw in -pi..pi
+    # with yaw in -pi..pi
+    boxes = detections.boxes.copy()
     boxes[:, 6] = np.arctan2(np.sin(yaw), np.cos(yaw))
     weights = weigh_sizes(detections.doubts)
     doubts = combine_doubts(

@@ -271,7 +271,8 @@ def _correct_sizes(
         sizes: Length, width and height of their detections (m).
         doubts: Expected errors of their detections' front, rear, left, right and top faces (m)."""
     labels = tracks.label()
-    weight = weigh_sizes(doubts)  # of length, width and height (1 / m²)
+    # for length, width and height (1 / m²)
+    weight = weigh_sizes(doubts)
     # a detection that is longer than the track so far has another weight, by class
     weight[:, 0] *= np.where(sizes[:, 0] > tracks.size[:, 0], LONGER_WEIGHTS[labels], 1.0)
     # limited, so that old detections do not outweigh new ones for ever

@@ -171,7 +171,8 @@ class _CountedStreet(NamedTuple):
         site = self.street.site
         bearings = []
         for arm in self.arms:
-            direction_x, direction_y = arm.direction  # from the middle of the junction
+            # from the middle of the junction
+            direction_x, direction_y = arm.direction
             bearing = bearing_deg(site, float(np.arctan2(direction_y, direction_x)))
             bearings.append(ArmBearing(arm.name, bearing))
         source = "true road users" if self.measured is None else "tracks"
@@ -220,7 +221,8 @@ def _describe(result: StreetRow) -> str:
 
 def _describe_total(row: StreetRow) -> str:
     """Line of a group of classes; figures without road users are left out."""
-    group = str(row["group"]).removesuffix("s")  # `describe_count` adds the s of the plural
+    # `describe_count` adds the s of the plural
+    group = str(row["group"]).removesuffix("s")
     parts = [_describe_number(describe_count(row["count"], group), row["speed_km_h"])]
     if "true_count" in row:
         parts.append(_describe_number(f"true {row['true_count']}", row["true_speed_km_h"]))

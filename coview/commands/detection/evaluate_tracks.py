@@ -83,7 +83,7 @@ def _check_track_options(subject: Subject, rules: "Rules") -> None:
             is_default = getattr(group, name) == getattr(default_options, name)
             if name not in allowed_names and not is_default:
                 raise ValueError(f"--{name} does not go with --tracks: leave it out")
-    # of the link only its rate may be set
+    # only the rate of the link may be set
     if replace(rules.link, rate=None) != type(rules.link)():
         raise ValueError("--codec and --step do not go with --tracks: leave them out")
     if rules.protocol == "published":

@@ -178,7 +178,8 @@ class _Loader:
 
     def __call__(self, name: str) -> Frame:
         """Read the frame of a name: its clouds, and the labels under the name of a cloud."""
-        files = self.names[name]  # a cloud's file by the name of its sensor
+        # a cloud's file by the name of its sensor
+        files = self.names[name]
         problems = problem_kinds.Problems()
         # names of the frame's clouds that have labels
         label_names = [stem for stem in map(_stem, files.values()) if stem in self.entries]
@@ -191,7 +192,8 @@ class _Loader:
         stated_time, stated_stamps = self.times.get(label_name, (None, {}))
         clouds = []
         for sensor, file in files.items():
-            cloud_epoch_s = find_epoch(_stem(file))  # a file name that is a time counts most
+            # a file name that is a time counts most
+            cloud_epoch_s = find_epoch(_stem(file))
             cloud = cloud_records.read_cloud(
                 file,
                 sensor,

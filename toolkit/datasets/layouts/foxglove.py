@@ -90,7 +90,8 @@ def foxglove(path: Path) -> listing.Listing:
     times = {}
     for topic, keys in index.clouds.items():
         times[topic] = np.array([(key.stamp_ns - start_ns) / NS_PER_S for key in keys])
-    groups = {}  # keys of the clouds of each frame, by its name
+    # keys of the clouds of each frame, by its name
+    groups = {}
     for number, group in enumerate(group_by_time(times)):
         groups[f"{number:06d}"] = [index.clouds[topic][row] for topic, row in group.items()]
     # without transforms, clouds that share one coordinate frame are placed already
@@ -291,7 +292,8 @@ def parse_fields(message: _Message) -> dict[str, np.ndarray]:
     """Return the columns of a PointCloud by name. Raises ValueError for a malformed one.
 
     Fields may overlap or leave gaps; x, y and z must be among them."""
-    stride = int(message.point_stride)  # bytes of a point
+    # bytes of a point
+    stride = int(message.point_stride)
     size = len(message.data)
     check_unpacked(size, MAX_CLOUD_BYTES)
     names = [entry.name for entry in message.fields]

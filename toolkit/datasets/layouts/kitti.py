@@ -146,7 +146,8 @@ class LabelledView(NamedTuple):
         The world is the frame of the lidar. labels: rows of a file, whose boxes are in the frame of
         the camera. Objects beyond the camera's view are unlabelled."""
         calibration = self.calibration
-        values = labels.values  # the numbers of a row behind its class
+        # the numbers of a row behind its class
+        values = labels.values
         is_real = np.array([kind != DONT_CARE for kind in labels.kinds], bool)
         ids = None
         if labels.ids is not None:
@@ -269,7 +270,8 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
         write_bytes(training / "velodyne" / f"{name}.bin", cloud.tobytes())
         write_text(training / "label_2" / f"{name}.txt", kitti_text(sample))
-        _, projection = _choose_camera(sample.complete)  # 3 x 4, from the camera's frame to pixels
+        # 3 x 4, from the camera's frame to pixels
+        _, projection = _choose_camera(sample.complete)
         # the format has four cameras; all are the same one here
         entries = {f"P{k}": projection for k in range(4)}
         entries |= {
@@ -322,7 +324,8 @@ def _format_box(box: Float64[np.ndarray, "7"], rectangle: Float64[np.ndarray, "4
     # in the camera's frame: x to the right, y down, z forward
     x, y, z = transform(_CAMERA, centre[None])[0]
     forward = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
-    turn = np.arctan2(-forward[2], forward[0])  # KITTI's ry, about the y axis, 0 along +x
+    # KITTI's ry, about the y axis, 0 along +x
+    turn = np.arctan2(-forward[2], forward[0])
     # alpha is the turn against the ray from the camera to the box, from -pi to pi
     ray_turn = np.arctan2(x, z)
     alpha = np.arctan2(np.sin(turn - ray_turn), np.cos(turn - ray_turn))

@@ -75,7 +75,8 @@ def kitti_sequence(path: Path) -> listing.Listing:
     names = tuple(file.stem for file in folders.list_files(sequence.clouds, "*.bin"))
     if not names:
         raise FileNotFoundError(f"{sequence.clouds} holds no *.bin")
-    numbers = {}  # number of the frame in the labels, by the name of its cloud
+    # number of the frame in the labels, by the name of its cloud
+    numbers = {}
     with record_values.name_damage(sequence.clouds, "folder of numbered clouds"):
         for name in names:
             numbers[name] = parse_whole(name, "the name of a cloud")
@@ -89,7 +90,8 @@ def kitti_sequence(path: Path) -> listing.Listing:
                 "in a camera's frame, add it"
             )
         calibration = read_calibration(sequence.calibration)
-    strays = set(labels or ()) - set(numbers.values())  # labelled frames without a cloud
+    # labelled frames without a cloud
+    strays = set(labels or ()) - set(numbers.values())
     middles = Middles({SENSOR: sequence.clouds / f"{names[0]}.bin"})
     load = partial(_load, sequence, numbers, labels, calibration, middles)
     return listing.Listing(names, load, noted={MISSING_CLOUDS: len(strays)})
@@ -104,7 +106,7 @@ def find_camera(path: Path) -> Pose:
 
 
 def _find_sequence(path: Path) -> _Sequence:
-    """Return the sequence at a path: velodyne/SEQUENCE itself, or a folder with only one of these.
+    """Return the sequence at a path: velodyne/SEQUENCE itself, or a folder with only one such.
 
     Raises ValueError for several sequences, and FileNotFoundError for none."""
     if path.parent.name == "velodyne" and any(path.glob("*.bin")):

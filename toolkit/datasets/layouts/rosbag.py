@@ -124,13 +124,15 @@ class Bag:
         }
         counts = dict.fromkeys(self.topics, 0)  # messages read so far
         waiting: dict[int, dict[str, BagMessage]] = {}  # clouds by frame number and topic
-        next_frame = 0  # number of the frame to yield next
+        # number of the frame to yield next
+        next_frame = 0
         for message in read_messages(self.path, CLOUD):
             if message.topic not in counts:
                 continue
             number = frame_of_cloud.get((message.topic, counts[message.topic]))
             counts[message.topic] += 1
-            if number is None:  # a cloud that is in no frame
+            # a cloud that is in no frame
+            if number is None:
                 continue
             waiting.setdefault(number, {})[message.topic] = message
             while next_frame < len(self.groups) and len(waiting.get(next_frame, ())) == len(

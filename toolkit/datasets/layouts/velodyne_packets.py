@@ -50,7 +50,8 @@ class VelodyneCapture:
                 if address not in decoders or len(data) != VELODYNE_PACKET_BYTES:
                     continue
                 decoded = decoders[address].decode(time_s, data, True)
-                if decoded is not None:  # this packet has completed a turn
+                # this packet has completed a turn
+                if decoded is not None:
                     yield self._sweep(address, decoded, counts)
             for address, decoder in decoders.items():
                 decoded = decoder.finish(True)

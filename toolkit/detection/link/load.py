@@ -94,7 +94,8 @@ def format_loads(loads: Iterable[SetLoad]) -> str:
         "packets/s",
         "airtime ms/s",
     ]
-    table = [[*headings, *CAPACITIES_MBIT_PER_S]]  # last, the share of each kind of link
+    # last, the share of each kind of link
+    table = [[*headings, *CAPACITIES_MBIT_PER_S]]
     for set_load in loads:
         load = set_load.load
         names = [set_load.scheme, ",".join(map(str, set_load.sensors)) or "none"]

@@ -56,7 +56,7 @@ def _sweep_body(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
     """Rectangles under a vehicle of `TURNING_BODY_M` with both ends on a path, at steps along it.
 
     The vehicle begins right before the path and ends right after it, on straight extensions. A path
-    shorter than a step has none. path: rows of x, y (m)."""
+    shorter than a step gives no rectangles. path: rows of x, y (m)."""
     length, width = TURNING_BODY_M
     if shapely.LineString(path).length < TURNING_STEP_M:
         return []

@@ -100,7 +100,8 @@ def _find_edges(
     for section in read_sections(road.element, road.length):
         section_s = s[(s >= section.start) & (s <= section.end)]
         middle_t = offset.at(section_s)
-        for sign in (1, -1):  # left edge, right edge
+        # left edge, right edge
+        for sign in (1, -1):
             # t: m to the left of the reference line
             edge_t = _find_edge(section, sign, section_s, middle_t)
             height = road.lateral.at(section_s, edge_t)  # above the reference line

@@ -88,7 +88,8 @@ def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectP
     if not repeats:
         s = read_number(element, "s")
         t = read_number(element, "t")
-        place = place_on_road(road, s, t, turn)  # x, y and heading in the map
+        # x, y and heading in the map
+        place = place_on_road(road, s, t, turn)
         yield ObjectPlace(*place, base=max(read_number(element, "zOffset", 0.0), 0.0))
     for repeat in repeats:
         start = read_number(repeat, "s")  # m along the road

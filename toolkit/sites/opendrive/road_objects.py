@@ -128,8 +128,10 @@ def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
     """Make the post and the plate, or head with lamps, of a <signal> of a road.
 
     The solids are in the map's frame, with heights above the road (m)."""
-    s = read_number(element, "s")  # m along the road
-    t = read_number(element, "t")  # m to the left of its reference line
+    # m along the road
+    s = read_number(element, "s")
+    # m to the left of its reference line
+    t = read_number(element, "t")
     place = place_on_road(road, s, t, turn=read_number(element, "hOffset", 0.0))
     # a signal for traffic along s faces against s
     is_forward = element.get("orientation", "+") == "+"

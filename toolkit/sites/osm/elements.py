@@ -117,7 +117,8 @@ def _read_xml(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
             consumption.add_chunk(len(chunk))
             events = cast("Iterable[tuple[str, ElementTree.Element]]", parser.read_events())
             for event, element in events:
-                if root is None:  # the first tag to start is the root's
+                # the first tag to start is the root's
+                if root is None:
                     root = element
                 consumption.add_tag()
                 if event == "end" and element.tag == "remark":
@@ -162,7 +163,8 @@ def _check_remark(path: Path, remark: object) -> None:
 def _read_json(path: Path) -> Iterator[ElementTree.Element]:
     """Yield the elements of Overpass's JSON as XML elements of the same content."""
     with _open(path) as stream:
-        content = stream.read(MAX_MAP_BYTES + 1)  # one more byte shows that it is too large
+        # one more byte shows that it is too large
+        content = stream.read(MAX_MAP_BYTES + 1)
     if len(content) > MAX_MAP_BYTES:
         raise ValueError(
             f"{path}: more than {MAX_MAP_BYTES >> 20} MB: cut out the site first (osmium extract "

@@ -80,7 +80,7 @@ def _place_ring(plot: Plot, middle: furniture.Point, ring_radius: float, rng: Rn
 
     They are blocks along the ring, all hedges, or discs of either kind. middle: x, y of the
     ring; ring_radius: m."""
-    # of a block, along and across the ring (m)
+    # size of a block, along and across the ring (m)
     length = float(rng.uniform(1.0, 5.0))
     width = float(rng.uniform(0.6, 2.2))
     mean_height = float(rng.uniform(0.5, 1.8))

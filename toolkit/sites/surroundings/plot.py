@@ -91,7 +91,7 @@ class Plot:
         self.window = window
         self.solids: list[Solid] = []
         road_and_islands = shapely.union_all([road.surface, *road.islands])
-        # ground beside the road and its islands, 0.3 m from both
+        # ground off the road and its islands, 0.3 m from both
         self.open_ground = window.difference(road_and_islands.buffer(0.3))
         self.lane_ground = road.carriageway.buffer(LANE_CLEARANCE_M)
         self.driven_ground = road.driven_ground.buffer(LANE_CLEARANCE_M)
