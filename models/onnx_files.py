@@ -317,12 +317,15 @@ class OnnxDetector(VoxelNetDetector):
         ]
 
     def _detect(self, cloud: Points) -> Detections:
-        """Detections of one cloud. Raises ValueError if the network's outputs do not fit."""
+        """Detections of one cloud. Raises ValueError if the network's outputs do not fit.
+
+        A network returns either raw maps of its head, or boxes with scores and labels, which are
+        indices in `labels`. cloud: x y z in the network's frame (m)."""
         outputs = self.run(cloud)
         if not self.decoded:  # raw maps of the head instead of boxes
             names = [name for name in Prediction._fields if name in outputs]
             maps = Prediction(**{name: torch.from_numpy(outputs[name]) for name in names})
-            best = candidates(maps, self.anchors, self.config, self._least_scores)[0]
+            (best,) = candidates(maps, self.anchors, self.config, self._least_scores)
             return self.finish_detections(best.boxes, best.scores, cloud)
         boxes = outputs["boxes"]
         scores = outputs["scores"]

@@ -331,6 +331,7 @@ class RegionProposal(nn.Module):
         widths = config.rpn_widths
         map_width = config.upsample_width
         self.blocks = nn.ModuleList()
+        # a block takes what the one before gives; the last width is the input of no block
         for block_inputs, width, order in zip((inputs, *widths), widths, self.order, strict=False):
             layers = [conv_norm_relu(nn.Conv2d(block_inputs, width, 3, stride=2, padding=1))]
             for _ in range(max(order)):  # the indices go from 0 to the largest

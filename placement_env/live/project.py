@@ -212,7 +212,7 @@ class ProjectFile:
         if "scheme" in question.value:
             changes["scheme"] = question.get("scheme", str)
         if "most_price" in question.value:
-            has_limit = question.value["most_price"] is not None
+            has_limit = question.value["most_price"] is not None  # JSON has no infinity
             changes["most_price"] = question.number("most_price", low=0) if has_limit else math.inf
         self.planner.ask(**changes)
 

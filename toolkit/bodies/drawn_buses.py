@@ -69,6 +69,7 @@ def _draw_sections(
     bottom: height of its lower edge; all lengths in m."""
     front = length / 2
     rear = -front
+    # how much lower the roof is at the rear, and how far the windscreen leans back
     roof_radius = float(rng.uniform(0.04, 0.3))
     rake = float(rng.uniform(0.05, 0.5))
     return [  # x, width, bottom and top of each (m)

@@ -157,8 +157,8 @@ def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
     space: room for it behind the cab."""
     kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
     deck = plank((space.length, space.width, 0.14), x=space.middle, y=0.0, z=space.floor - 0.02)
-    highest = space.cab_height + rng.uniform(-0.2, 1.0)
-    top = float(np.clip(highest, space.floor + 1.0, MAX_TRUCK_HEIGHT_M))
+    unlimited_top = space.cab_height + rng.uniform(-0.2, 1.0)
+    top = float(np.clip(unlimited_top, space.floor + 1.0, MAX_TRUCK_HEIGHT_M))
     if kind in ("box", "curtain", "container"):
         load = _make_box(space, top, is_container=kind == "container")
     elif kind == "refuse":

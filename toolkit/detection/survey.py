@@ -107,6 +107,7 @@ class Survey:
             "vehicles": len(self.counts),
             "unseen": {name: self.unseen(sensors) for name, sensors in sensors_by_name.items()},
             "classes": classes,
+            # None if the data set states no numbers of points
             "counts_that_agree": self.agreement and list(self.agreement),
             "problems": self.problems,
             "provenance": with_file_digest(self.provenance),

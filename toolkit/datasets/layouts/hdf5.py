@@ -130,7 +130,8 @@ def _read_cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
     if points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"{path}/points must be finite, 3 to a row, got shape {points.shape}")
     columns: dict[str, np.ndarray] = {}
-    # name, type in the cloud, and NumPy kinds of types that the file may have
+    # name, type in the cloud, and NumPy kinds of types that the file may have: f floats, i and u
+    # whole numbers
     for name, dtype, kinds in (
         ("time", np.float64, "fiu"),
         ("intensity", np.float32, "fiu"),
