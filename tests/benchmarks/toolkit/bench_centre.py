@@ -28,7 +28,7 @@ from threading import Event
 import numpy as np
 
 from coview.commands.detection.centre_parts import open_centre
-from tests.benchmarks.figures import record
+from tests.benchmarks.figures import SITE_TITLES, record
 from toolkit.centre.centre_config import CentreConfig, InputConfig, OutputConfig
 from toolkit.centre.centre_run import run_centre
 from toolkit.centre.detection_pool import DEADLINE_S
@@ -46,7 +46,6 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 INTERVALS_S = {"tjunction": 0.1, "roundabout": 0.2}
-TITLES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 MAX_LATENCY_MS = 120.0
 MIN_SHARE = 0.995
 SEED = 31
@@ -187,7 +186,7 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
         "/".join(f"{latency_ms[name]:.0f}" for name in ("median", "p95", "p99")),
         f"{figures['ms']['detect']['median']:.0f}",
     ]
-    record("centre", f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz", cells, network="`site`")
+    record("centre", f"{SITE_TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz", cells, network="`site`")
     return latencies
 
 
@@ -340,7 +339,7 @@ def plot_latencies(latencies: dict[str, list[float]], out: Path) -> None:
         axes.set_xlabel("latency (ms)")
         axes.set_ylabel("frames that are out (%)")
         names = [
-            f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz, {len(values):,} frames"
+            f"{SITE_TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz, {len(values):,} frames"
             for site, values in latencies.items()
         ]
         name_curves(axes, names)
