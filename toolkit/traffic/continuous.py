@@ -14,11 +14,12 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import footprints
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.site import Site
+from toolkit.traffic.course import Course
 from toolkit.traffic.flow import Flow
 from toolkit.traffic.obstacles import LevelBoxes, Obstacles
 from toolkit.traffic.occupancy import Occupancy, size_boxes
 from toolkit.traffic.parked import Parked
-from toolkit.traffic.right_of_way import Course, give_way
+from toolkit.traffic.right_of_way import give_way
 from toolkit.traffic.road_lanes import distance_to_area, outline_view
 from toolkit.traffic.sumo import FINE_STEP_S
 from toolkit.traffic.supply import Supply

@@ -6,8 +6,6 @@ it to the side (Kant and Zucker, Int. J. of Robotics Research 5(3), 1986). A pla
 sequence of moments to go on, to wait or to step aside in which no body comes near another, found by
 dynamic programming in a window of time around each conflict."""
 
-from dataclasses import dataclass
-from functools import cached_property
 from math import ceil
 from typing import NamedTuple
 
@@ -16,7 +14,9 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
-from toolkit.traffic.body_motion import face_course, shift_left, smooth_direction
+from toolkit.traffic.body_motion import face_course
+from toolkit.traffic.corners import walk_round
+from toolkit.traffic.course import Course
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.sumo import FINE_STEP_S
 
@@ -48,37 +48,6 @@ HEADWAYS_STEPS = (12, 0, 0)  # time kept to others, with each of these gaps
 # by class: standard deviation of the mean over time that smooths changes
 SMOOTHING_STEPS = {VEHICLE: 12.0, HEAVY: 12.0, CYCLIST: 6.0, PEDESTRIAN: 4.0}
 MIN_TURNING_M_S = 0.7  # speed with which a step aside is compared at least, for the heading
-
-
-@dataclass(frozen=True)
-class Course:
-    """Course of a body.
-
-    Attributes:
-        first: step of the first pose.
-        poses: x, y (m), yaw (rad), one for each step.
-        size: length, width, height of the body (m).
-        label: class of `toolkit.objects`."""
-
-    first: int
-    poses: Float64[np.ndarray, "steps 3"]
-    size: Float64[np.ndarray, "3"]
-    label: int
-
-    @cached_property
-    def directions(self) -> Float64[np.ndarray, " steps"]:
-        """Direction of the course (rad) that sides are counted from, which turns slowly."""
-        return smooth_direction(self.poses[:, 2])
-
-    @cached_property
-    def changes(self) -> Float64[np.ndarray, "steps 3"]:
-        """Change (x, y in m, yaw in rad) from each pose to the next; headings turn the shorter way.
-
-        That of the last pose is 0."""
-        changes = np.zeros_like(self.poses)
-        changes[:-1] = np.diff(self.poses, axis=0)
-        changes[:, 2] = np.arctan2(np.sin(changes[:, 2]), np.cos(changes[:, 2]))
-        return changes
 
 
 class _Plan(NamedTuple):
@@ -137,7 +106,8 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
         row = conflict - course.first
         is_static = occupancy.is_obstructed(boxes[[row]]).any()
         if is_static and _is_impassable(course, plan.progress[row], occupancy):
-            return None
+            detour = walk_round(course, occupancy) if course.label == PEDESTRIAN else None
+            return None if detour is None else give_way(detour, occupancy)
         # a plan that did not help is followed by another gap or a longer window
         setting = setting + 1 if conflict <= latest + STRIDE else 0
         latest = max(latest, conflict)
@@ -171,9 +141,8 @@ def _is_impassable(course: Course, progress: float, occupancy: Occupancy) -> boo
     nearest = round(progress)
     rows = np.arange(max(0, nearest - REACH_STEPS), min(len(course.poses), nearest + REACH_STEPS))
     asides = _list_asides(course)
-    poses = _shift(course, np.repeat(rows, len(asides)), np.tile(asides, len(rows)))
     smallest_gap = GAPS_M[course.label][-1]
-    boxes = size_boxes(poses, course.size)
+    boxes = course.list_lines(rows, asides)
     is_obstructed = occupancy.is_obstructed_in_view(boxes, smallest_gap)
     # all lines of one row, so that no step aside leads past it
     return bool(is_obstructed.reshape(len(rows), len(asides)).all(axis=1).any())
@@ -206,8 +175,7 @@ def _plan_window(
     if not len(rows):
         return None
     asides = _list_asides(course)
-    poses = _shift(course, np.repeat(rows, len(asides)), np.tile(asides, len(rows)))
-    boxes = size_boxes(poses, course.size)
+    boxes = course.list_lines(rows, asides)
     shape = (len(rows), len(asides))
     margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
     # by moment, line and row
@@ -369,11 +337,11 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     count = max(0, last - course.first + 1)
     columns = np.column_stack([plan.progress, plan.aside])
     smoothed = smooth_rows(columns, sigma)[:count]
-    poses = _pick(course, smoothed[:, 0])
+    poses = course.pick(smoothed[:, 0])
     if len(poses) < 2 or not smoothed[:, 1].any():
         return poses
     # beside the course, still with the headings on it; they turn with the path beside it
-    shifted = _shift(course, smoothed[:, 0], smoothed[:, 1])
+    shifted = course.shift(smoothed[:, 0], smoothed[:, 1])
     if course.label == PEDESTRIAN:
         facing = face_course(poses[:, :2], yaw=0.0)
         shifted[:, 2] += face_course(shifted[:, :2], yaw=0.0) - facing
@@ -382,19 +350,3 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     aside_m_s = np.gradient(smoothed[:, 1], FINE_STEP_S)
     shifted[:, 2] += np.arctan2(aside_m_s, np.maximum(ahead_m_s, MIN_TURNING_M_S))
     return shifted
-
-
-def _pick(course: Course, rows: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
-    """Poses (x, y in m, yaw in rad) at rows of a course that may be between two."""
-    low = np.clip(rows.astype(np.int64), 0, len(course.poses) - 1)
-    return course.poses[low] + (rows - low)[:, None] * course.changes[low]
-
-
-def _shift(
-    course: Course, rows: Float64[np.ndarray, " k"], left: Float64[np.ndarray, " k"]
-) -> Float64[np.ndarray, "k 3"]:
-    """Poses to the left of a course, with its headings.
-
-    rows: rows of its poses, which may be between two; left: distance at each (m)."""
-    directions = np.interp(rows, np.arange(len(course.poses)), course.directions)
-    return shift_left(_pick(course, rows), directions, left)

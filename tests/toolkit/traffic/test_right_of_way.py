@@ -7,9 +7,10 @@ import shapely
 from toolkit.boxes import footprints
 from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site, Solid
+from toolkit.traffic.course import Course
 from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
-from toolkit.traffic.right_of_way import Course, give_way
+from toolkit.traffic.right_of_way import give_way
 from toolkit.traffic.road_lanes import distance_to_area
 
 AREA = np.array([-40.0, -20, 40, 20])
