@@ -23,6 +23,7 @@ from toolkit.traffic.body_motion import (
     shift_left,
     smooth_direction,
 )
+from toolkit.traffic.deadlocks import end_deadlocks
 from toolkit.traffic.detours import send_round
 from toolkit.traffic.flow import ROAD_USER_KINDS, Flow
 from toolkit.traffic.gates import Gates, Passage
@@ -136,6 +137,7 @@ def simulate_ways(
             _record(sumo, step, courses)
             if step % STEPS_BETWEEN_DETOURS == 0:
                 send_round(sumo, demand.roads)
+                end_deadlocks(sumo)
             if progress is not None and step >= 0 and step % 10 == 0:
                 progress(step // 10)
     _warn_of_queues(courses.values())

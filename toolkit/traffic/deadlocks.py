@@ -1,0 +1,61 @@
+"""Deadlocks: drivers in the middle of a junction who wait for each other.
+
+SUMO lets two drivers whose lanes merge or cross give way to each other for ever, and soon nobody
+gets through the junction."""
+
+from types import ModuleType
+from typing import NamedTuple
+
+PATIENCE_S = 10.0  # standing of both, before one of them goes
+REACH_M = 30.0  # along a lane, within which others may be in the way
+_IGNORED = "junctionModel.ignoreIDs"  # SUMO's parameter of those whom a driver does not wait for
+
+
+class _Foe(NamedTuple):
+    """Another driver in a junction, in the order of libsumo's `getJunctionFoes`.
+
+    Attributes:
+        name: SUMO's name.
+        distance: To where both lanes meet (m), negative beyond it.
+        foe_distance: The same of the other one.
+        exit_distance: To where they part again (m).
+        foe_exit_distance: The same of the other one.
+        lane: SUMO's name of the lane.
+        foe_lane: The same of the other one.
+        gives_way: True if the driver has to wait for the other one.
+        foe_gives_way: True if the other one has to wait."""
+
+    name: str
+    distance: float
+    foe_distance: float
+    exit_distance: float
+    foe_exit_distance: float
+    lane: str
+    foe_lane: str
+    gives_way: bool
+    foe_gives_way: bool
+
+
+def end_deadlocks(sumo: ModuleType) -> None:
+    """Let one of two drivers go who stand in a junction and give way to each other.
+
+    It is the one who is nearer to where their lanes meet, or farther beyond.
+
+    sumo: libsumo module with a running simulation."""
+    vehicles = sumo.vehicle
+    standing = {
+        name
+        for name in vehicles.getIDList()
+        # names of lanes inside a junction begin with a colon
+        if vehicles.getLaneID(name).startswith(":") and vehicles.getWaitingTime(name) >= PATIENCE_S
+    }
+    if len(standing) < 2:
+        return
+    for name in sorted(standing):
+        ignored = vehicles.getParameter(name, _IGNORED).split()
+        for foe in [_Foe(*values) for values in vehicles.getJunctionFoes(name, REACH_M)]:
+            if not (foe.name in standing and foe.gives_way and foe.foe_gives_way):
+                continue
+            if foe.distance <= foe.foe_distance and foe.name not in ignored:
+                ignored.append(foe.name)
+                vehicles.setParameter(name, _IGNORED, " ".join(ignored))
