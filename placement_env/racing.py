@@ -272,15 +272,14 @@ def race_until(
     """Race sets until the best is known confidently enough, or all frames are used.
 
     scores: called with sets and the first frames of `order`, more each time; if it uses fewer, the
-    race ends with these; order: indices of all frames, in the order in which they are used;
-    predicted: prior figure of each row of `sets`, None without; sets are then ranked by the
-    combination that `placement_env.analysis.shrinkage.shrink` makes of both. Equal rows are scored
-    once. A set is dropped if it beats the best in fewer than (1 - confidence) / n of the
-    resamples, or if too many are better (`RaceRules.count_kept`). The remaining doubt is the share
-    of resamples in which a set still in the race beats the winner by more than the tolerance, plus,
-    for each rung, the share in which a set dropped after it does. If time ran out it is at least
-    2^-blocks, the chance that the same of two equal sets is better in every block. Raises
-    ValueError without a set or frame.
+    race ends with these; order: indices of all frames in the order of their use; predicted: prior
+    figure of each row of `sets`, None without; sets are then ranked by both combined
+    (`placement_env.analysis.shrinkage.shrink`). Equal rows are scored once. A set is dropped if it
+    beats the best in fewer than (1 - confidence) / n of the resamples, or if too many are better
+    (`RaceRules.count_kept`). The remaining doubt is the share of resamples in which a set still in
+    the race beats the winner by more than the tolerance, plus, for each rung, the share in which a
+    set dropped after it does. If time ran out it is at least 2^-blocks, the chance that the same of
+    two equal sets is better in every block. Raises ValueError without a set or frame.
     """
     frames = len(order)
     _check_entrants(sets, frames)

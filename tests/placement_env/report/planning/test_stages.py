@@ -577,6 +577,12 @@ def test_the_search_has_the_pool_that_was_narrowed(staged, street, fail, spy, mo
     assert call.args[0].candidates.sensors == tuple(street.candidates.sensors[k] for k in (1, 3))
 
 
+def test_sets_of_the_searches_are_forgotten_before_the_comparison(staged, spy):
+    forgotten = spy(Objective, "forget")
+    staged.plan()
+    assert [call.args[0] for call in forgotten] == [search[0] for search in staged.searched]
+
+
 @pytest.mark.parametrize(("share", "of"), [(0.125, np.min), (1.0, np.max)])
 def test_links_carry_the_share_of_frames_that_was_asked_for(staged, street, monkeypatch, share, of):
     kbit = np.linspace(100.0, 800.0, 2 * 8).reshape(2, 8)
@@ -728,8 +734,14 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
     choice = choosing.choose_set(
         street.objective, found, street.judge, confidence=0.6, run=Run(seed=5)
     )
-    rules = {"confidence": 0.6, "seed": 5, "frames": size_races.MAX_RACED_FRAMES}
-    assert asked == [{**rules, "best_elsewhere": -math.inf}]
+    rules = {
+        "confidence": 0.6,
+        "seed": 5,
+        "max_set_frames": size_races.MAX_RACED_SET_FRAMES,
+        "frames": size_races.MAX_RACED_FRAMES,
+        "best_elsewhere": -math.inf,
+    }
+    assert asked == [rules]
     assert [option.judged is not None for option in choice.options] == [True, True, False]
     assert choice.confidence is None  # of 8 frames
 
