@@ -121,7 +121,7 @@ def load_detector(
     score_threshold: lowest score of a detection, None for the weights' thresholds; nms_threshold:
     footprint IoU above which the weaker of two boxes is dropped. Raises FileNotFoundError for
     unknown weights, ValueError if they are damaged or for another place."""
-    from models import detector
+    from models import detector_loading
 
     if Path(name).suffix == ".onnx":
         from models.onnx_files import OnnxDetector
@@ -130,7 +130,7 @@ def load_detector(
             name, area, score_threshold=score_threshold, nms_threshold=nms_threshold
         )
         return CloudDetector(onnx, level)
-    network = detector.load_detector(
+    network = detector_loading.load_detector(
         name,
         site=site,
         area=area,
@@ -185,7 +185,7 @@ def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
 
         resolve_detector(spec.base)  # raises if it cannot be imported
     elif not spec.needs_site:
-        from models.detector import weights_file
+        from models.detector_loading import weights_file
 
         if not weights_file(spec.base).is_file():
             raise FileNotFoundError(f"no such file of weights: {spec.base}")
@@ -322,11 +322,11 @@ def _load_network(spec: DetectorSpec, site: "Site") -> "Detector":
         from models.onnx_files import OnnxDetector
 
         return OnnxDetector(spec.base, site.area)
-    from models import detector
+    from models.detector_loading import load_detector, load_site_detector
 
     if spec.base == VOXELNET:
-        return detector.load_site_detector(site.name, site.area)
-    return detector.load_detector(spec.base, area=site.area)
+        return load_site_detector(site.name, site.area)
+    return load_detector(spec.base, area=site.area)
 
 
 def _tune(spec: DetectorSpec, detector: "Detector", *, is_site_unknown: bool = False) -> "Detector":

@@ -1,43 +1,35 @@
 """`VoxelNetDetector`: a trained network as the toolkit's `Detector`."""
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import product
-from pathlib import Path
-from typing import Literal, SupportsFloat
+from typing import Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from models.config import MAX_COLUMNS, SHIPPED, VoxelNetConfig
+from models.config import VoxelNetConfig
 from models.network import candidates as decoding
 from models.network.faces import measure_faces
-from models.network.grid import Voxels, anchors, collate, voxelise
+from models.network.grid import anchors, collate, voxelise
 from models.network.number_formats import convert_to_bfloat16, find_bfloat16_library
 from models.network.sparse import SparseVoxelNet
 from models.network.tiles import TiledVoxelNet, UnionPlan, tileable
 from models.network.voxelnet import VoxelNet
-from models.weight_files import digest_detector, digest_tensors, load_weights
-from toolkit.arrays import Bool, Float, Float64, Int64, Points
+from models.weight_files import digest_detector, digest_tensors
+from toolkit.arrays import Bool, Float, Points
 from toolkit.boxes import nms
 from toolkit.objects import LABELS, PEDESTRIAN, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
-from toolkit.sites.site import PlaceMismatch, check_area
 
 # steps with multiples that fill a square evenly (Roberts 2018)
 SHIFT_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 MAX_PHASES = 16
 MIN_KNOWN_SCORE = 0.05  # if detections are scored again because the empty site is known
 MIN_UNKNOWN_PERSON_SCORE = 0.4  # for a pedestrian at an unknown site
-BLOCK_CELLS = 512  # side of a block of a wide area, a multiple of the coarsest stride
-MARGIN_CELLS = 128  # around a block, a multiple of the coarsest stride
-MAX_CENTRE_DISTANCE_M = 10.0  # from a point of a body to the centre of its box, along x or y
 SAME_BOX_IOU = 0.3  # footprint overlap above which boxes of several grids are averaged
-_Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
 
@@ -314,221 +306,3 @@ class VoxelNetDetector:
         if self.faces is None:
             return detections
         return measure_faces(self.faces, detections, np.asarray(cloud), self.config.faces)
-
-
-def is_wide(area: _Area, config: VoxelNetConfig) -> bool:
-    """True if an area has more columns of voxels than one grid may have."""
-    xmin, ymin, xmax, ymax = area
-    dx, dy = config.voxel_size[:2]
-    # a grid is rounded up to a multiple of 8 voxels along each side
-    return ((xmax - xmin) / dx + 8) * ((ymax - ymin) / dy + 8) > MAX_COLUMNS
-
-
-class WideVoxelNetDetector(VoxelNetDetector):
-    """Detector of one network in an area too large for one grid, block by block.
-
-    A box depends on the points within some metres, so a grid of one block, with a margin on every
-    side, detects there what a grid of the whole area detects. Blocks are aligned with the whole
-    grid's cells, and only blocks with points in or near them are computed. network: for any area,
-    with coordinates from its voxels. Other arguments as in `VoxelNetDetector`.
-    """
-
-    def __init__(
-        self,
-        network: VoxelNet,
-        area: _Area,
-        *,
-        device: str | torch.device = "cpu",
-        score_threshold: float | None = None,
-        nms_threshold: float = 0.1,
-    ) -> None:
-        """Make the network's grid one block, and detect in an area block by block.
-
-        area: xmin, ymin, xmax, ymax (m); score_threshold: lowest score of a detection, None for the
-        network's thresholds; nms_threshold: footprint IoU above which the weaker of two boxes is
-        dropped."""
-        cells = BLOCK_CELLS + 2 * MARGIN_CELLS
-        sides = cells * network.config.voxel_size[0], cells * network.config.voxel_size[1]
-        block = VoxelNet(replace(network.config, area=(0.0, 0.0, *sides)))
-        block.load_state_dict(network.state_dict())
-        super().__init__(
-            block, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
-        )
-        self._tiled = None  # unions are detected one after another
-        self._wide = area
-
-    @property
-    def area(self) -> _Area:
-        """Area of detection: xmin ymin xmax ymax, m, world frame."""
-        return self._wide
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of weights, configuration and thresholds, with the area."""
-        return f"{super().digest} in {' '.join(f'{side:g}' for side in self._wide)}"
-
-    def batch(self, clouds: _Clouds) -> list[Detections]:
-        """Detections of each of several clouds, computed block by block."""
-        return [self._detect_blocks(np.asarray(cloud)) for cloud in clouds]
-
-    def _detect_blocks(self, cloud: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detections of one cloud (x y z, m) in the whole area, found block by block.
-
-        Each block is detected together with a margin around it, in a grid whose origin is the
-        margin's corner. Only candidates of anchors in the block itself are kept, so that each
-        anchor of the area counts once. Duplicates and rivals are then found among the candidates of
-        all blocks, as in one grid."""
-        voxel = np.array(self.config.voxel_size[:2])
-        low = np.array(self._wide[:2])  # corners of the area: x, y (m)
-        high = np.array(self._wide[2:])
-        block = BLOCK_CELLS * voxel  # sides along x and y, m
-        margin = MARGIN_CELLS * voxel
-        z = cloud[:, 2]
-        min_z, max_z = self.config.height
-        xy = cloud[:, :2].astype(np.float64)
-        is_inside = ((xy > low) & (xy < high)).all(axis=1)
-        is_inside &= (z > min_z) & (z < max_z)
-        z = z[is_inside]
-        xy = xy[is_inside]
-        parts = []
-        for number in _list_blocks(xy - low, block, high - low):
-            start = low + number * block - margin  # origin of the block's grid
-            is_near = ((xy > start) & (xy < start + block + 2 * margin)).all(axis=1)
-            points = np.column_stack([xy[is_near] - start, z[is_near]]).astype(np.float32)
-            voxels = voxelise(torch.from_numpy(points).to(self.device), self.config)
-            if len(voxels.cells):
-                parts.append(self._find_block_candidates(voxels, start))
-        if not parts:
-            return Detections.empty()
-        boxes = torch.cat([part.boxes for part in parts])
-        scores = torch.cat([part.scores for part in parts])
-        return self.finish_detections(boxes, scores, cloud)
-
-    def _find_block_candidates(
-        self, voxels: Voxels, start: Float64[np.ndarray, "2"]
-    ) -> decoding.BestCandidates:
-        """Best candidates of the anchors in one block, world frame.
-
-        voxels: points of the block and its margin; start: x, y of the margin's corner (m)."""
-        candidates = decoding.all_candidates(
-            self.network.classify(collate([voxels])), self.anchors, self.config, self._least_scores
-        )
-        cell = candidates.place // len(self.config.anchor_labels)  # in the map, row by row
-        columns = self.config.map_shape[1]
-        is_in_block = torch.ones_like(cell, dtype=torch.bool)
-        for index in (cell // columns, cell % columns):
-            # the map has half as many cells along x and y as the grid
-            is_in_block &= index >= MARGIN_CELLS // 2
-            is_in_block &= index < (MARGIN_CELLS + BLOCK_CELLS) // 2
-        best = candidates.best(torch.nonzero(is_in_block)[:, 0])
-        # by x and y of the origin; z, length, width, height and yaw stay
-        shift = torch.from_numpy(np.append(start, np.zeros(5))).to(best.boxes.device)
-        return best._replace(boxes=best.boxes.double() + shift)
-
-
-def _list_blocks(
-    xy: Float64[np.ndarray, "n 2"], block: Float64[np.ndarray, "2"], area: Float64[np.ndarray, "2"]
-) -> Int64[np.ndarray, "b 2"]:
-    """Numbers along x and y of the blocks in which the centre of a body may be, ascending.
-
-    xy: points from the area's first corner (m); block, area: sides along x and y (m)."""
-    last = np.ceil(area / block).astype(np.int64) - 1
-    ids = []
-    for x_sign, y_sign in product((-1, 1), repeat=2):
-        moved_xy = xy + MAX_CENTRE_DISTANCE_M * np.array([x_sign, y_sign])
-        numbers = np.clip(np.floor(moved_xy / block).astype(np.int64), 0, last)
-        ids.append(np.unique(numbers[:, 0] * (last[1] + 1) + numbers[:, 1]))
-    return np.stack(np.divmod(np.unique(np.concatenate(ids)), last[1] + 1), axis=1)
-
-
-def load_detector(
-    name: str | Path,
-    *,
-    site: str | None = None,
-    area: Iterable[SupportsFloat] | None = None,
-    device: str | torch.device = "cpu",
-    score_threshold: float | None = None,
-    nms_threshold: float = 0.1,
-) -> VoxelNetDetector:
-    """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its
-    weights.
-
-    site: the site that the weights must be for, None for any. area: xmin ymin xmax ymax (m, world
-    frame) of detection, None for the weights' area; weights of one site keep their area, general
-    ones fit any. score_threshold: lowest score of a detection, None for the weights' thresholds.
-    Raises FileNotFoundError for unknown weights, ValueError if they are damaged or for another
-    place.
-    """
-    network, header = load_weights(weights_file(name))
-    trained_for = header.site or "general"
-    if site is not None and trained_for not in (site, "general"):
-        raise ValueError(
-            f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or "
-            "'general'"
-        )
-    make_detector: Callable[..., VoxelNetDetector] = partial(VoxelNetDetector, network)
-    if area is not None:
-        xmin, ymin, xmax, ymax = check_area([float(side) for side in area]).tolist()
-        sides = (xmin, ymin, xmax, ymax)
-        if is_wide(sides, network.config) and goes_anywhere(network, trained_for):
-            make_detector = partial(WideVoxelNetDetector, network, sides)
-        else:
-            make_detector = partial(VoxelNetDetector, relocate(network, sides, trained_for))
-    detector = make_detector(
-        device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
-    )
-    detector.name = str(name)
-    return detector
-
-
-def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDetector:
-    """Load the network shipped for a site, or the general one. area: xmin ymin xmax ymax, m, world
-    frame."""
-    is_shipped = (SHIPPED / f"{site}.safetensors").exists()
-    return load_detector(site if is_shipped else "general", area=area)
-
-
-def goes_anywhere(network: VoxelNet, trained_for: str) -> bool:
-    """True if a network fits any area.
-
-    trained_for: site of its weights' header, or "general".
-    """
-    return trained_for == "general" and network.config.point_features == "local"
-
-
-def relocate(
-    network: VoxelNet, area: tuple[float, float, float, float], trained_for: str
-) -> VoxelNet:
-    """Network with the same weights on another area (xmin ymin xmax ymax, m).
-
-    trained_for: site of its weights' header, or "general". Raises PlaceMismatch for weights of only
-    one area."""
-    config = network.config
-    if area == config.area:
-        return network
-    if not goes_anywhere(network, trained_for):
-        trained_area = " ".join(f"{side:g}" for side in config.area)
-        requested_area = " ".join(f"{side:g}" for side in area)
-        remedy = f"give that area (--area {trained_area}), or take detector general"
-        raise PlaceMismatch(
-            f"these weights are for the area {trained_area} of {trained_for!r} alone, got "
-            f"{requested_area}: {remedy}"
-        )
-    relocated = VoxelNet(replace(config, area=area))
-    relocated.load_state_dict(network.state_dict())
-    return relocated
-
-
-def weights_file(name: str | Path) -> Path:
-    """Path of shipped weights by name, or the path itself. Raises FileNotFoundError for an unknown
-    name."""
-    path = Path(name)
-    if path.suffix in (".safetensors", ".onnx"):
-        return path
-    shipped = SHIPPED / f"{name}.safetensors"
-    if not shipped.exists():
-        names = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.safetensors"))) or "none yet"
-        raise FileNotFoundError(
-            f"no weights named {str(name)!r}; shipped: {names}; or give a path to a .safetensors"
-        )
-    return shipped

@@ -21,7 +21,8 @@ from safetensors.torch import load, save
 from torch import Tensor, nn
 
 from models.config import VoxelNetConfig
-from models.detector import VoxelNetDetector, relocate, weights_file
+from models.detector import VoxelNetDetector
+from models.detector_loading import relocate, weights_file
 from models.network.candidates import candidates
 from models.network.faces import FaceNetworks
 from models.network.grid import Voxels, voxelise

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import torch
 
 from models.config import VoxelNetConfig
-from models.detector import relocate, weights_file
+from models.detector_loading import relocate, weights_file
 from models.network.voxelnet import VoxelNet
 from models.training.loop import CHECKPOINT, LOG_STEPS, Machine, Progress, train
 from models.training.options import TrainingOptions, parse_arguments

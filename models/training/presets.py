@@ -34,7 +34,7 @@ def make_config(
     """Configure the network that a preset trains for an area, light or published in size.
 
     The light one has no absolute coordinates, so it learns on a `window` of the area;
-    `models.detector.relocate` puts the result on the whole area.
+    `models.detector_loading.relocate` puts the result on the whole area.
     """
     head: dict[str, Any] = {
         "head": "quality",

@@ -15,7 +15,8 @@ import torch
 from scipy.optimize import minimize
 
 from models.config import FITTED, VoxelNetConfig
-from models.detector import VoxelNetDetector, relocate
+from models.detector import VoxelNetDetector
+from models.detector_loading import relocate
 from models.network.candidates import logit, rescore, sigmoid, strongest_rivals
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets
 from models.network.voxelnet import VoxelNet

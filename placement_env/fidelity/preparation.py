@@ -345,7 +345,7 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
     if name == "detector" and setting.detector is not None:
         check_known(setting.detector, classes.names)
     elif name == "detector" and classes.names != VEHICLES.names:
-        from models.detector import load_detector
+        from models.detector_loading import load_detector
 
         check_known(
             load_detector(find_network(setting.place, sensors), area=setting.place.area),

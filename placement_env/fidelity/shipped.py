@@ -53,7 +53,7 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     so it gets the empty site as background. The last `MAX_KEPT_DETECTORS` loaded are kept.
 
     network: Name of the network, from `find_network`."""
-    from models.detector import load_detector
+    from models.detector_loading import load_detector
 
     key = network, format_site(site)
     if key not in _DETECTORS:

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 LOADS = """
 import coview
 from models.config import SHIPPED
-from models.detector import load_detector
+from models.detector_loading import load_detector
 from placement_env.fidelity.hit_model import shipped_model
 from placement_env.fidelity.table import load_table
 assert not coview.__file__.startswith({tree!r}), coview.__file__

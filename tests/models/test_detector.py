@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from models.config import VoxelNetConfig, road_users
-from models.detector import VoxelNetDetector, load_detector
+from models.detector import VoxelNetDetector
+from models.detector_loading import load_detector
 from models.network.candidates import MIN_RIVAL_SCORE, apply_rivals
 from models.network.grid import collate, voxelise
 from models.network.voxelnet import VoxelNet

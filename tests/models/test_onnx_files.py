@@ -11,7 +11,7 @@ import torch
 
 from models import onnx_files
 from models.config import VoxelNetConfig, road_users
-from models.detector import load_detector
+from models.detector_loading import load_detector
 from models.network.grid import voxelise
 from models.network.voxelnet import VoxelNet
 from models.onnx_files import OnnxDetector, card_file, export_onnx, find_card

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.config import SHIPPED
-from models.detector import load_detector
+from models.detector_loading import load_detector
 from models.weight_files import load_weights
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset

@@ -4,8 +4,10 @@ memory."""
 import numpy as np
 import pytest
 
-from models import detector as module
-from models.detector import VoxelNetDetector, WideVoxelNetDetector, load_detector
+from models import wide_detector as module
+from models.detector import VoxelNetDetector
+from models.detector_loading import load_detector
+from models.wide_detector import WideVoxelNetDetector
 from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.boxes import nms
 from toolkit.objects import VEHICLE

@@ -130,6 +130,6 @@ def read_card(path: Path) -> None:
 
 def read_weights(path: Path) -> None:
     """Read weights as a detector, and detect."""
-    from models.detector import load_detector
+    from models.detector_loading import load_detector
 
     load_detector(path)(np.full((50, 3), 1.0, np.float32))

@@ -7,7 +7,7 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 
-from models.detector import load_detector
+from models.detector_loading import load_detector
 from placement_env.classes import Classes
 from placement_env.defaults import VEHICLES
 from placement_env.fidelity.coverage import Coverage

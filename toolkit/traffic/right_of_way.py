@@ -123,6 +123,10 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
         if conflict is None:
             occupancy.add(boxes, course.first)
             return poses
+        row = conflict - course.first
+        is_static = occupancy.is_obstructed(boxes[[row]]).any()
+        if is_static and _is_impassable(course, plan.progress[row], occupancy):
+            return None
         # a plan that did not help is followed by another gap or a longer window
         setting = setting + 1 if conflict <= latest + STRIDE else 0
         latest = max(latest, conflict)
@@ -142,6 +146,32 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
         plan = changed
         poses = _follow(course, plan, occupancy.last)
     return None
+
+
+def _is_impassable(course: Course, progress: float, occupancy: Occupancy) -> bool:
+    """Return True if solids or parked vehicles leave a body no way along its course.
+
+    It would wait for ever, and all who wait for it.
+
+    Args:
+        course: Course of the body.
+        progress: Row of the course's poses at which it is obstructed, which may be between two.
+        occupancy: What is in its way."""
+    nearest = round(progress)
+    rows = np.arange(max(0, nearest - REACH_STEPS), min(len(course.poses), nearest + REACH_STEPS))
+    asides = _list_asides(course)
+    poses = _shift(course, np.repeat(rows, len(asides)), np.tile(asides, len(rows)))
+    smallest_gap = GAPS_M[course.label][-1]
+    boxes = size_boxes(poses, course.size)
+    is_obstructed = occupancy.is_obstructed_in_view(boxes, smallest_gap)
+    # all lines of one row, so that no step aside leads past it
+    return bool(is_obstructed.reshape(len(rows), len(asides)).all(axis=1).any())
+
+
+def _list_asides(course: Course) -> Float64[np.ndarray, " lines"]:
+    """Distances to the left of the course (m) of the lines that its body may take."""
+    side_lines = SIDE_LINES[course.label]
+    return ASIDE_SPACING_M * np.arange(-side_lines, side_lines + 1)
 
 
 def _plan_window(
@@ -164,7 +194,7 @@ def _plan_window(
     rows = rows[rows <= len(course.poses) - 1]
     if not len(rows):
         return None
-    asides = ASIDE_SPACING_M * np.arange(-side_lines, side_lines + 1)
+    asides = _list_asides(course)
     poses = _shift(course, np.repeat(rows, len(asides)), np.tile(asides, len(rows)))
     boxes = size_boxes(poses, course.size)
     shape = (len(rows), len(asides))

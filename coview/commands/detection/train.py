@@ -59,7 +59,7 @@ def export_command(
         out: ONNX file to write; the card is NAME.onnx.json next to it.
         area: Area xmin ymin xmax ymax (m), for weights that go anywhere; the area of the
             weights when left out."""
-    from models.detector import weights_file
+    from models.detector_loading import weights_file
     from models.onnx_files import card_file, export_onnx
 
     check_ending(out, (".onnx",), "a network in ONNX")

@@ -151,7 +151,7 @@ def run_reproduction(
         ) from None
     with CoopDataset(path) as recording:
         if detector is None:
-            from models.detector import load_site_detector
+            from models.detector_loading import load_site_detector
 
             detect: Detector = load_site_detector(site, recording.site.area)
         else:

@@ -37,7 +37,7 @@ def main() -> None:
     import torch
 
     from models.config import SHIPPED
-    from models.detector import load_detector
+    from models.detector_loading import load_detector
     from toolkit.datasets.dataset import CoopDataset
 
     torch.set_num_threads(1)

@@ -125,7 +125,7 @@ def ours_of_the_same_size() -> None:
 
 def light() -> None:
     """The CPU default with its shipped weights, points to boxes, and where its time goes."""
-    from models.detector import load_detector
+    from models.detector_loading import load_detector
     from models.network.candidates import candidates, suppress_boxes
     from models.network.grid import voxelise
 

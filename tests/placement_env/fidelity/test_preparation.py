@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.detector import VoxelNetDetector, load_detector
+from models.detector import VoxelNetDetector
+from models.detector_loading import load_detector
 from placement_env.cases import Cases
 from placement_env.fidelity import preparation, seeing
 from placement_env.fidelity.preparation import Preparation, check_scorable

@@ -17,7 +17,7 @@ JOBS = {
     "rendering": "placement_env.fidelity.renders",
     "visibility": "placement_env.fidelity.seeing",
     "detection": "placement_env.fidelity.detector",
-    "networks": "models.detector",
+    "networks": "models.detector_loading",
 }
 
 

@@ -5,8 +5,8 @@ import pytest
 import shapely
 
 from toolkit.boxes import footprints
-from toolkit.objects import PEDESTRIAN, VEHICLE
-from toolkit.sites.site import Site
+from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.sites.site import Site, Solid
 from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.right_of_way import Course, give_way
@@ -15,6 +15,7 @@ from toolkit.traffic.road_lanes import distance_to_area
 AREA = np.array([-40.0, -20, 40, 20])
 PERSON = np.array([0.5, 0.6, 1.75])
 CAR = np.array([4.6, 1.9, 1.5])
+TRUCK = np.array([16.5, 2.6, 4.0])
 LAST = 900
 
 
@@ -98,6 +99,18 @@ def test_no_way_through_is_refused(occupancy):
     waiting = placed(straight((-70, 0), (1.4, 0), 0, 700), occupancy)
     assert waiting[-1, 0] < -45
     assert give_way(straight((-5, 0), (0, 0), 0, LAST + 1), occupancy) is None
+
+
+@pytest.mark.parametrize(("edge_y", "passes"), [(0.9, False), (1.25, True)])
+def test_who_cannot_pass_a_house_is_refused_and_does_not_stand_there(edge_y, passes):
+    house = Solid(np.array([[10, edge_y], [14, edge_y], [14, 20], [10, 20]]), 0.0, 8.0)
+    site = Site("corner", AREA, solids=(house,))
+    occupancy = Occupancy(AREA, Obstacles(site), np.zeros((0, 7)), LAST)
+    truck = straight((-60, 0), (8, 0), 0, 160, size=TRUCK, label=HEAVY)
+    poses = give_way(truck, occupancy)
+    assert (poses is not None) == passes
+    if poses is not None:
+        assert poses[-1, 0] > 60
 
 
 def test_what_is_not_seen_does_not_count(occupancy):
