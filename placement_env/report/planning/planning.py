@@ -97,8 +97,6 @@ def _answer(question: Question) -> content.Planned:
     question: question with few enough poses to search (`narrow_question`)."""
     searched = prepare_search(question, question.part("search"))
     entrants = search_entrants(question, searched)
-    for objective in searched.objectives:
-        objective.forget()  # many more sets than there are entrants
     _free_stage()
     comparison = _compare(question, searched, entrants)
     _free_stage()

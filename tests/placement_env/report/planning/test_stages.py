@@ -577,12 +577,6 @@ def test_the_search_has_the_pool_that_was_narrowed(staged, street, fail, spy, mo
     assert call.args[0].candidates.sensors == tuple(street.candidates.sensors[k] for k in (1, 3))
 
 
-def test_sets_of_the_searches_are_forgotten_before_the_comparison(staged, spy):
-    forgotten = spy(Objective, "forget")
-    staged.plan()
-    assert [call.args[0] for call in forgotten] == [search[0] for search in staged.searched]
-
-
 @pytest.mark.parametrize(("share", "of"), [(0.125, np.min), (1.0, np.max)])
 def test_links_carry_the_share_of_frames_that_was_asked_for(staged, street, monkeypatch, share, of):
     kbit = np.linspace(100.0, 800.0, 2 * 8).reshape(2, 8)
