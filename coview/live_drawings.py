@@ -88,9 +88,10 @@ class SensorDrawings:
             self._drawn_states.pop(name, None)
 
     def draw(self, attach: Attach) -> None:
-        """Draw the sensors of the variant that is shown, and remove others.
+        """Draw the sensors of the planner's variant, and remove drawings of others.
 
-        attach: function that lets a new drawing be dragged."""
+        Only a sensor that has changed is drawn again. attach: function that lets a new drawing be
+        dragged."""
         variant = self._planner.variant
         mounts_in_use = {sensor.mount for sensor in variant.sensors}
         for pole, label in self._pole_labels.items():
@@ -98,13 +99,15 @@ class SensorDrawings:
             if label.visible != is_visible:  # an assignment sends a message to the browsers
                 label.visible = is_visible
         shown_names = {sensor.name for sensor in variant.sensors}
-        for name in [name for name in self._nodes if name not in shown_names]:
+        removed_names = [name for name in self._nodes if name not in shown_names]
+        for name in removed_names:
             self._drawn_states.pop(name, None)
             for node in self._nodes.pop(name):
                 node.remove()
         for index, live_sensor in enumerate(variant.sensors):
             name = live_sensor.name
-            state = index, live_sensor  # the index decides the colour
+            # all that the drawing shows; the index decides the colour
+            state = index, live_sensor
             if name in self._nodes and self._drawn_states.get(name) == state:
                 continue
             self._drawn_states[name] = state
@@ -226,10 +229,10 @@ class AreaDrawing:
     def draw(self, spots: Sequence[Spot]) -> None:
         """Draw the outlines of all areas if one has changed.
 
-        spots: corners (m) of the new area so far, which is not closed."""
+        spots: corners x, y, z (m, site's frame) of a new area so far, whose outline stays open."""
         site = self._planner.yard.site
         lines = []  # start and end, as x, y and z (m)
-        # the first corner again at the end closes an outline
+        # corners x, y (m) of each area; the first one again at the end closes an outline
         outlines = [(*corners, corners[0]) for corners in self._planner.variant.keep_out]
         outlines.append(tuple((float(x), float(y)) for x, y, _ in spots))
         if self._drawn_outlines == outlines:
@@ -320,9 +323,10 @@ class SeenMapDrawing:
         self._maps.clear()
 
     def draw(self, kind: str) -> None:
-        """Draw the map for a kind of road user among `MAP_HEIGHTS`.
+        """Draw on the ground how often the working sensors see each place.
 
-        For any other text, such as "off", the map is removed."""
+        kind: kind of road user among `MAP_HEIGHTS`, whose height must be seen. For any other text,
+        such as "off", the map is removed."""
         self._api.remove_by_name("/seen")
         if kind not in MAP_HEIGHTS:
             return
@@ -337,9 +341,10 @@ class SeenMapDrawing:
         seen_map = self._maps[height].draw(
             yard.build_sensor(variant, sensor) for sensor in working_sensors
         )
+        # share of frames in which each cell is seen; NaN in buildings
         shares = np.nan_to_num(seen_map.share)
         pixels = (255 * np.asarray(colormaps["viridis_r"](shares))).astype(np.uint8)  # RGBA
-        pixels[..., 3] = np.where(np.isnan(seen_map.share), 0, MAP_ALPHA)  # no map in buildings
+        pixels[..., 3] = np.where(np.isnan(seen_map.share), 0, MAP_ALPHA)
         cell_m = float(seen_map.x[1] - seen_map.x[0])
         middle = np.array([seen_map.x.mean(), seen_map.y.mean()])
         position = (*middle.tolist(), float(yard.site.ground(middle)) + MAP_LIFT_M)

@@ -52,8 +52,9 @@ class LiveJobs:
         self._long: deque[Job] = deque()  # waiting, for the other thread
         self._drag: Job | None = None  # for the latest position of a drag
         self._wake = threading.Condition()  # held to change these; wakes both threads
-        self._used_at_s = 0.0  # time (s) of the last job
-        self._rest_due_s = 0.0  # time (s) since which slow drawing is due, 0 if it is not
+        # by `time.monotonic`: time (s) of the last job, and since when slow drawing is due, else 0
+        self._used_at_s = 0.0
+        self._rest_due_s = 0.0
         self.closed = False
         self.threads: list[threading.Thread] = []
 
@@ -229,7 +230,7 @@ class Refining:
                 self._jobs.touch()  # a pause before it is tried again
 
     def _refine_views(self) -> None:
-        """Make one missing view after another until the page closes, while nobody uses it."""
+        """Compute missing views of sensors until the page closes, whenever nobody uses it."""
         views_are_missing = True  # using the page may make some missing again
         tidied_at_s = time.monotonic()
         while not self._jobs.closed:
@@ -243,6 +244,7 @@ class Refining:
             quiet_s = QUIET_S if answer is not None and answer.coarse else CALM_S
             if answer is None or not views_are_missing or not self._jobs.is_quiet(quiet_s):
                 time.sleep(0.1)
+                # a use of the page in the last second may have made views missing
                 views_are_missing = views_are_missing or not self._jobs.is_quiet(1.0)
                 continue
             views_are_missing = self._planner.refine(self._is_in_use)

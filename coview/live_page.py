@@ -74,7 +74,8 @@ class LivePage:
         self.folder = folder
         self._answer: LiveAnswer | None = None  # figures that are shown
         self._begun = False  # True once controls and scene are there
-        self._last_played_s = 0.0  # time (s) when a frame of traffic was played last
+        # by `time.monotonic`: when a frame of traffic was played last
+        self._last_played_s = 0.0
         site = planner.yard.site
         self.cameras = LiveCameras(site.area)
         middle = self.cameras.middle
@@ -95,7 +96,9 @@ class LivePage:
         self.do(lambda: self.show(planner.answer()))  # the first figures
 
     def _add_drawings(self, picture_folder: Path) -> None:
-        """Make the drawings of the scene, and what follows drags, clicks and long tasks."""
+        """Make the drawings of the scene, and what follows drags, clicks and long tasks.
+
+        picture_folder: folder of the picture laid on the ground."""
         api = self.server.scene
         planner = self.planner
         add_long_names(api)

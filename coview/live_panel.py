@@ -318,7 +318,7 @@ class ViewTab:
         self.map: Handle = gui.add_dropdown("Seen how often", ("off", *MAP_HEIGHTS))
         self.map.on_update(lambda _: jobs.do(draw_map))
         gui.add_html(MAP_KEY)
-        # the frame with most road users is shown first
+        # `frame`: frame of each road user; the busiest frame is shown first
         busiest_frame = int(np.bincount(planner.unseen.frame, minlength=1).argmax())
         last_frame = max(planner.frames - 1, 1)
         self.frame: Handle = gui.add_slider(

@@ -98,7 +98,7 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
 def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
     """Draw a cross on top of each pole, which from above is only a dot."""
     tops = [pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]
-    # start and end of both arms of a cross with corners at ±1, before it is scaled
+    # start and end (x, y, z) of both arms of a cross with corners at ±1, before it is scaled
     first_arm = [[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]]
     second_arm = [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]
     arms = POLE_MARK_M / 2 * np.array([first_arm, second_arm])
@@ -260,6 +260,7 @@ def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Pat
     """Draw a picture flat on the ground, at the height of the ground under its middle.
 
     folder: folder of its file."""
+    # the picture's width and height are pixels, its scale is metres per pixel
     alpha = np.full((picture.height, picture.width), PICTURE_ALPHA, np.uint8)
     pixels = np.dstack([picture.read(folder)[::-1], alpha])  # RGBA, lowest row first
     width_m = picture.width * picture.scale

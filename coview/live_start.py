@@ -46,7 +46,10 @@ class StartPage:
     is called with the name or file of the chosen site."""
 
     def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
-        """Add the fields. folder: for uploads and sites from maps; then: opens a site by name."""
+        """Add the fields that choose a site.
+
+        folder: for uploads and sites from maps; then: function that opens a site by name or file.
+        """
         self._folder = folder  # for uploads and sites made from maps
         self._then = then  # opens a site, given by name or file
         self._busy = threading.Lock()  # held while a site is opened

@@ -167,8 +167,9 @@ def _bars_html(title: str, rows: "Iterable[FoundShare]") -> str:
     lines = []
     for row in rows:
         has_objects = not np.isnan(row.recall)
-        width = 100 * row.recall if has_objects else 0.0
-        bar = f'<div style="background:{BAR};height:6px;width:{width:.0f}%"></div>'
+        # % of the line
+        bar_width = 100 * row.recall if has_objects else 0.0
+        bar = f'<div style="background:{BAR};height:6px;width:{bar_width:.0f}%"></div>'
         share = f"{row.recall:.0%}" if has_objects else "none there"
         interval = ""
         if np.isfinite(row.low) and row.ap is None:  # with an AP the interval is the AP's
@@ -221,7 +222,9 @@ def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
     for index, (sensor, has_failed) in enumerate(sensors):
         x, y, _ = sensor.position.tolist()
         half_angle = min(sensor.model.horizontal_fov / 2, np.pi)
+        # the sensor's x axis, in the site's frame
         ahead_x, ahead_y = sensor.world_SE3_body[:2, 0]
+        # nine headings (rad from the site's x axis) approximate the arc
         headings = np.arctan2(ahead_y, ahead_x) + np.linspace(-half_angle, half_angle, 9)
         arc = np.column_stack(
             [x + MAP_REACH_M * np.cos(headings), y + MAP_REACH_M * np.sin(headings)]

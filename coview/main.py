@@ -22,7 +22,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command line and return its exit code."""
+    """Run a command line and return its exit code.
+
+    arguments: words of the command line, without the name of the program."""
     _replace_closed_streams()
     debug = "--debug" in arguments
     options = [argument for argument in arguments if argument != "--debug"]

@@ -217,11 +217,12 @@ def _silence(stream: TextIO) -> None:
 
 
 def _classify(error: BaseException) -> tuple[int, str]:
-    """Exit code and text of an error."""
+    """Exit code of an error, and the text that the user reads."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):
         return PIPE_LOST, str(error)
+    # a package of others is missing; a missing module of ours is a fault of the program
     if isinstance(error, ImportError) and (error.name or "").partition(".")[0] not in OURS:
         return MISSING, str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:

@@ -99,6 +99,7 @@ class Bar:
         text = f"{self._describe_step()}{self._stage or 'inputs prepared'}{count}"
         if not total or done <= self._done_at_start:
             return f"{text}, for {_describe_time(spent_s)}"
+        # what was done before the stage began, such as in an earlier run, took none of this time
         left_s = spent_s / (done - self._done_at_start) * max(0, total - done)
         if left_s < MIN_LEFT_S:
             return f"{text}, finishing for {_describe_time(spent_s)}"

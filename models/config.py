@@ -140,7 +140,7 @@ class VoxelNetConfig:
         self._check_calibration()
 
     def _check_labels(self) -> None:
-        """Raise ValueError unless labels, faces and kinds fit each other."""
+        """Raise ValueError unless labels, faces and anchor kinds fit each other."""
         unknown_names = [name for name in (*self.labels, *self.faces) if name not in LABELS]
         if unknown_names or len(set(self.labels)) != len(self.labels) or not self.labels:
             raise ValueError(

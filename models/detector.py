@@ -109,7 +109,11 @@ class VoxelNetDetector:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of weights, configuration and thresholds."""
+        """SHA-256 of weights, configuration and thresholds.
+
+        A format of numbers other than float32 counts among the weights, and several shifts of the
+        grid are added behind as words."""
+        # equal thresholds count as one number, as in detectors that had only one
         threshold = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]
         weights = self._weights
         if self.numbers != "float32":
@@ -155,13 +159,15 @@ class VoxelNetDetector:
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
         cell_sides = np.array(self.config.stride)  # in the map, along x and y (m)
+        # detections for each shift of the grid
         parts = []
         for phase in range(self.phases):
             # shift (m) by parts of a cell of the map along x and y, spread evenly over the cell for
             # any number of phases; heights stay
             shift = np.append(phase * SHIFT_STEPS % 1 * cell_sides, 0.0)
             (detections,) = self.batch([(points + shift).astype(np.float32)])
-            box_shift = np.append(shift, np.zeros(4))  # sizes and yaw stay
+            # for x, y, z; sizes and yaw stay
+            box_shift = np.append(shift, np.zeros(4))
             parts.append(replace(detections, boxes=detections.boxes - box_shift))
         merged = Detections.merge(parts)
         kept_rows = nms(merged.boxes, merged.scores, self.nms_threshold, labels=merged.labels)
@@ -170,11 +176,11 @@ class VoxelNetDetector:
     def batch(self, clouds: _Clouds) -> list[Detections]:
         """Detections of each of several clouds, computed together."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
+        # the network needs at least one occupied voxel
         if not any(len(cloud_voxels.cells) for cloud_voxels in voxels):
             return [Detections.empty() for _ in clouds]
-        candidates = decoding.candidates(
-            self.network.classify(collate(voxels)), self.anchors, self.config, self._least_scores
-        )
+        classified = self.network.classify(collate(voxels))
+        candidates = decoding.candidates(classified, self.anchors, self.config, self._least_scores)
         detections = []
         for cloud, cloud_voxels, best in zip(clouds, voxels, candidates, strict=True):
             if len(cloud_voxels.cells):

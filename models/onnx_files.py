@@ -55,16 +55,18 @@ class _Graph(nn.Module):
     def forward(self, features: Tensor, voxel: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
         """Raw maps of the network's head, without those that it lacks.
 
-        features: points' features; voxel: voxel of each point; cells: item, ix, iy, iz of each
-        voxel."""
+        All points are in one cloud. features: (points, channels); voxel: voxel of each point;
+        cells: item (0), ix, iy, iz of each voxel (voxels, 4)."""
         network = self.network
         x = network.features.encode(features, voxel, cells.shape[0])
         if isinstance(network.middle, HeightFold):
             nx, ny, nz = network.middle.shape
             weight = network.middle.weight
-            # a voxel's features by the weights of its level, then summed over its column
+            # features times the weights of their voxel's level (0 in the terms of other levels),
+            # then summed over its column
             levels = [((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]
             x = torch.stack(levels).sum(0)
+            # ix * ny + iy
             column = cells[:, 1] * ny + cells[:, 2]
             occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
             # index_add would become ScatterND, whose threads lose summands
@@ -277,7 +279,9 @@ class OnnxDetector(VoxelNetDetector):
         return self._session
 
     def run(self, cloud: Points) -> dict[str, np.ndarray]:
-        """Outputs of the network by name. Raises ValueError if it fails."""
+        """Outputs of the network by name. Raises ValueError if it fails.
+
+        cloud: x y z in the network's frame (m)."""
         session = self.session
         points_only = len(session.get_inputs()) == 1
         inputs = self._points(cloud) if points_only else self._voxels(cloud)
@@ -313,12 +317,15 @@ class OnnxDetector(VoxelNetDetector):
         ]
 
     def _detect(self, cloud: Points) -> Detections:
-        """Detections of one cloud. Raises ValueError if the network's outputs do not fit."""
+        """Detections of one cloud. Raises ValueError if the network's outputs do not fit.
+
+        A network returns either raw maps of its head, or boxes with scores and labels, which are
+        indices in `labels`. cloud: x y z in the network's frame (m)."""
         outputs = self.run(cloud)
         if not self.decoded:  # raw maps of the head instead of boxes
             names = [name for name in Prediction._fields if name in outputs]
             maps = Prediction(**{name: torch.from_numpy(outputs[name]) for name in names})
-            best = candidates(maps, self.anchors, self.config, self._least_scores)[0]
+            (best,) = candidates(maps, self.anchors, self.config, self._least_scores)
             return self.finish_detections(best.boxes, best.scores, cloud)
         boxes = outputs["boxes"]
         scores = outputs["scores"]
@@ -344,7 +351,9 @@ class OnnxDetector(VoxelNetDetector):
         return self.finish_detections(kept_boxes, label_scores, cloud)
 
     def check_outputs(self, boxes: np.ndarray, scores: np.ndarray) -> None:
-        """Raise ValueError for scores beyond 0..1, and for boxes that no road user has."""
+        """Raise ValueError for scores beyond 0..1, and for boxes that no road user has.
+
+        boxes: x y z length width height yaw (m, 7), in m and rad."""
         is_wrong = ~((scores >= 0) & (scores <= 1))
         if is_wrong.any():
             remedy = "end the network in a sigmoid or softmax"

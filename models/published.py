@@ -95,7 +95,10 @@ class PublishedDetector:
         score_threshold: float = 0.1,
         nms_threshold: float = 0.1,
     ) -> None:
-        """Fold a published network for inference. Raises ValueError for an unknown decoding."""
+        """Fold a published network for inference. Raises ValueError for an unknown decoding.
+
+        site: name of the site whose points it takes; decoding: "published" keeps the published
+        choice of proposals before boxes are suppressed."""
         if decoding not in ("exact", "published"):
             raise ValueError(f'decoding must be "exact" or "published", got {decoding!r}')
         self.site = site
@@ -129,7 +132,8 @@ class PublishedDetector:
     def __call__(self, points: Points, /) -> Detections:
         """Detections of one cloud (x y z in the site's frame, m)."""
         class_logits, residuals = self.head(points)
-        # the residuals of both anchors in the order of this project: x, y, z, then the others
+        # two anchors with seven residuals each, put into this project's order: x, y, z, then the
+        # others
         channel_order = [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)]
         prediction = Prediction(
             class_logits=class_logits,

@@ -236,7 +236,10 @@ def commit() -> str:
 
 
 def train_from_command_line(arguments: Sequence[str] | None = None) -> None:
-    """Train from the command line of a bare machine. arguments: None for the process's."""
+    """Train from the command line of a machine without coview, and print progress and result.
+
+    arguments: words of the command line, None for the process's. A fault of the input ends
+    the process with its text."""
     site, options = parse_arguments(arguments)
     started = time.monotonic()
 

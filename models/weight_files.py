@@ -192,7 +192,7 @@ def check_tensors(
 ) -> None:
     """Raise ValueError unless the tensors are finite and have the expected names and shapes.
 
-    origin: the file, for the error."""
+    expected: tensors of a network with these names and shapes; origin: the file, for the error."""
     missing = expected.keys() - tensors.keys()
     unknown = tensors.keys() - expected.keys()
     if missing or unknown:
@@ -216,9 +216,9 @@ def digest_tensors(tensors: dict[str, Tensor]) -> str:
     digest = hashlib.sha256()
     for name, tensor in sorted(tensors.items()):
         digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
-        digest.update(
-            tensor.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy().tobytes()
-        )
+        flat = tensor.detach().cpu().contiguous().view(-1)
+        # NumPy lacks some types of torch, such as bfloat16, so the values are read as bytes
+        digest.update(flat.view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()
 
 

@@ -115,14 +115,16 @@ class WideVoxelNetDetector(VoxelNetDetector):
         """Best candidates of the anchors in one block, world frame.
 
         voxels: points of the block and its margin; start: x, y of the margin's corner (m)."""
+        classified = self.network.classify(collate([voxels]))
         candidates = decoding.all_candidates(
-            self.network.classify(collate([voxels])), self.anchors, self.config, self._least_scores
+            classified, self.anchors, self.config, self._least_scores
         )
-        cell = candidates.place // len(self.config.anchor_labels)  # in the map, row by row
+        # for each candidate; the map's rows go along x, its columns along y
+        cell = candidates.place // len(self.config.anchor_labels)
         columns = self.config.map_shape[1]
         is_in_block = torch.ones_like(cell, dtype=torch.bool)
         for index in (cell // columns, cell % columns):
-            # the map has half as many cells along x and y as the grid
+            # the map has half as many cells along x and y as the grid, in which both are counted
             is_in_block &= index >= MARGIN_CELLS // 2
             is_in_block &= index < (MARGIN_CELLS + BLOCK_CELLS) // 2
         best = candidates.best(torch.nonzero(is_in_block)[:, 0])

@@ -76,7 +76,9 @@ class Cases:
     """Score the worst error profile, or the mean over profiles."""
 
     def __post_init__(self) -> None:
-        """Read thresholds and profiles, and raise ValueError if a field does not fit."""
+        """Read thresholds and profiles, and raise ValueError if a field does not fit.
+
+        The fields become one threshold or an ascending tuple, and a tuple of error profiles."""
         ious = _read_thresholds(self.iou)
         errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
         profiles = [find_profile(profile) for profile in errors]
@@ -297,6 +299,7 @@ def _read_thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
         try:
             ends = [float(threshold) for threshold in iou.split(":")]
         except ValueError:
+            # refused below
             ends = []
         if len(ends) not in (1, 2) or not 0 < ends[0] <= ends[-1] <= 1:
             raise ValueError(f"iou must lie in (0, 1], as 0.7 or 0.5:0.95, got {iou}")

@@ -298,6 +298,7 @@ class Objective(FeasibleSets):
         """Score of one set, given as indices or names of candidates.
 
         Raises ValueError for an unknown candidate."""
+        # mask of the candidates
         row = self.row(subset)
         scores = self.scores(row[None])  # arrays with one figure
         class_ap = self.class_ap(row[None])[0].tolist()

@@ -47,7 +47,7 @@ class ScoreMemory:
     """
 
     def __init__(self, fidelity: Fidelity) -> None:
-        """Begin with the empty set."""
+        """Begin with the empty set. fidelity: scores sets that are not in memory."""
         self.classes: Classes = getattr(fidelity, "classes", VEHICLES)
         self._fidelity = fidelity
         class_count = len(self.classes.names) if isinstance(fidelity, ByClass) else 1
@@ -94,7 +94,7 @@ class ScoreMemory:
             ap=rows[:, 0],
             recall=rows[:, 1],
             kbit=rows[:, 2],
-            # the AP of one class is the combined one
+            # from column 3 on the AP of each class; the AP of a single class is the combined one
             class_ap=rows[:, 3:] if self._width > 3 else rows[:, :1],
             cache_hit=cache_hit,
             scored=len(new_sets),
@@ -133,6 +133,7 @@ def _list_keys(subsets: Sets) -> list[bytes]:
     """Key of each set: the indices of its members, as bytes."""
     if len(subsets) < MIN_LISTED_TOGETHER:
         return [np.flatnonzero(row).astype(np.uint32).tobytes() for row in subsets]
+    # the same keys for many sets, sliced from the bytes of all members
     members = list_set_members(subsets)
     indices = members.candidate.astype(np.uint32)
     sizes = np.bincount(members.row, minlength=len(subsets))

@@ -102,6 +102,7 @@ class Setting:
             raise ValueError(
                 f"weights must be Weights, got {self.weights!r}: pass Weights(comm=..., price=...)"
             )
+        # NaN too is refused
         if not self.most_price >= 0:
             raise ValueError(
                 f"most_price must be 0 or more, got {self.most_price}: leave it out for any price"

@@ -106,9 +106,11 @@ class MemberSums:
         # position of a member within its set: its running number minus the first of the set
         first_numbers = np.cumsum(sizes) - sizes
         position = np.arange(len(owner)) - np.repeat(first_numbers, sizes)
-        # members of each set from the left, ascending; the rest of a row means the zero row
+        # members of each set from the left, ascending; the rest of a row is `candidates`, which
+        # points at a last row of zeros in `_rows`
         members = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)
         members[owner, position] = member
+        # by their position in the sets
         first_members, *later_members = members.T
         sums = self._rows[first_members]
         for column in later_members:

@@ -128,7 +128,8 @@ def are_close(first: BoxRows, second: BoxRows, gap: float) -> Bool[np.ndarray, "
     """Mask of rows at which two boxes are closer than a gap (m), seen from above.
 
     Both boxes are widened by half of the gap on each side, and overlap unless an edge of one
-    separates them."""
+    separates them. first, second: x y z length width height yaw (n, 7), m and rad."""
+    # half lengths and widths
     half_first = (first[:, 3:5] + gap) / 2
     half_second = (second[:, 3:5] + gap) / 2
     dx = second[:, 0] - first[:, 0]
@@ -137,6 +138,8 @@ def are_close(first: BoxRows, second: BoxRows, gap: float) -> Bool[np.ndarray, "
     cos = np.abs(np.cos(turn))
     sin = np.abs(np.sin(turn))
     is_close = np.ones(len(dx), np.bool_)
+    # offset of the middles in the frame of each box, and the offset up to which they overlap: the
+    # half size of the box itself, and half the extent of the other box along its axes
     for yaw, near_half, far_half in (
         (first[:, 6], half_first, half_second),
         (second[:, 6], half_second, half_first),
@@ -325,7 +328,9 @@ def _measure_all_pairs(
 
 
 def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
-    """Return the IoU of each row of `a` with the same row of `b`, by footprint or volume."""
+    """Return the IoU of each row of `a` with the same row of `b`, by footprint or volume.
+
+    Rows are x y z length width height yaw (m, rad), with z of the middle."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
     length_a, width_a = a[:, 3], a[:, 4]
@@ -341,13 +346,14 @@ def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
         overlap = overlap * np.maximum(top - bottom, 0)
         size_a = size_a * height_a
         size_b = size_b * height_b
+    # rounding may put the IoU of equal boxes above 1
     return np.minimum(overlap / (size_a + size_b - overlap), 1.0)
 
 
 def _find_near_pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of boxes that may overlap: rows i of `a`, ascending, and j of `b`.
 
-    The circles around their footprints meet. `b` is sorted along x, so that each box of `a` is
+    The circles around their footprints meet. `b` is sorted along x here, so that each box of `a` is
     compared only with one run of that order.
     """
     x_a, y_a = a[:, :2].T

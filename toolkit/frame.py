@@ -341,7 +341,7 @@ class Frame(Displayed):
             if isinstance(measurement, np.ndarray):
                 _check_image(sensor, measurement)
         count = len(self.objects.boxes)
-        # no categories at all are allowed with any number of objects
+        # categories may be empty, and counts None, with any number of objects
         for column, values in (("categories", self.categories or None), ("counts", self.counts)):
             if values is not None and len(values) != count:
                 raise ValueError(f"{count} objects but {len(values)} {column} in {self.name!r}")

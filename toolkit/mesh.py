@@ -25,7 +25,7 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
     """Join meshes into one; an empty mesh for no meshes."""
     no_mesh = Mesh(vertices=np.zeros((0, 3)), triangles=np.zeros((0, 3), np.int64))
     meshes = [no_mesh, *meshes]
-    # triangles hold row numbers of vertices, so they move by the vertices of the meshes before
+    # triangles hold row numbers of vertices, which grow by the vertices of the meshes before
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
     return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
@@ -84,7 +84,7 @@ def tube(
         path: Points (s, 3) of the line, m.
         radii: One radius, or one for each point, m.
         sides: Number of sides of its cross-section.
-        flat: Scale of its breadth along y, or along x for a bar that runs along y.
+        flat: Scale of its breadth along y, or along z for a bar that runs along y.
     """
     line = np.asarray(path, np.float64)
     radius = np.broadcast_to(np.asarray(radii, np.float64), len(line))
@@ -141,11 +141,14 @@ def box(size: Vector, centre: Vector = (0, 0, 0)) -> Mesh:
 
 
 def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
-    """Return a vertical prism from z = base to z = top over a simple polygon without holes."""
+    """Return a vertical prism from z = base to z = top over a simple polygon without holes.
+
+    polygon: corners x, y (m) in either direction."""
     outline = shapely.geometry.polygon.orient(shapely.Polygon(polygon))
     ring = np.asarray(outline.exterior.coords)[:-1]  # the last corner repeats the first
     walls = loft(np.stack([_lift(ring, base), _lift(ring, top)]))
-    # without the caps of loft, which are wrong for outlines that are not convex
+    # without the caps of loft, which are wrong for outlines that are not convex: its first
+    # triangles are the sides, two for each corner
     sides = Mesh(walls.vertices, walls.triangles[: 2 * len(ring)])
     cap = triangulate(outline)
     roof = Mesh(_lift(cap.vertices[:, :2], top), cap.triangles)

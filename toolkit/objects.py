@@ -126,7 +126,9 @@ class Detections(_Rows):
     doubts: Shaped[np.ndarray, "n 5"] | None = None
 
     def __post_init__(self) -> None:
-        """Turn the fields into checked arrays. Raises ValueError for wrong shapes and values."""
+        """Turn the fields into checked arrays. Raises ValueError for wrong shapes and values.
+
+        doubts: errors to expect of the front, rear, left, right and top faces (n, 5), m."""
         boxes = _parse_boxes(self.boxes)
         scores = _check_column(np.asarray(self.scores, np.float64), "scores", len(boxes))
         doubts = None if self.doubts is None else np.asarray(self.doubts, np.float64)
@@ -251,6 +253,7 @@ def _parse_labels(labels: ArrayLike | None, n: int) -> np.ndarray:
     if labels is None:
         return np.full(n, VEHICLE, np.int64)
     labels = np.asarray(labels)
+    # numbers, then texts or objects that are texts
     if labels.dtype.kind not in "biufUO":
         raise ValueError(
             f"labels must be numbers or names of {LABELS}, got an array of {labels.dtype}"

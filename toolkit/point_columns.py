@@ -242,7 +242,7 @@ def _coordinate_sets(names: Iterable[str]) -> list[list[_Parsed]]:
 
 
 def _parse(name: str) -> _Parsed | None:
-    """Return the parts of a column's name: axis, unit and other words.
+    """Return the parts of a column's name: axis (0 to 2), unit and other words.
 
     None if it names no coordinate of points: no axis or two, two units, or an unknown word."""
     # "posX" -> "pos X", "Xcoord" -> "X coord", "xPos" -> "x Pos"
@@ -257,6 +257,7 @@ def _parse(name: str) -> _Parsed | None:
         is_numbered = True
     if len(axis_indices) != 1:
         return None
+    # a number counts as an axis only behind other words, as in "points 0"
     axis_token = tokens.pop(axis_indices[0])
     units = [token for token in tokens if token in UNITS_M or token in FOREIGN_UNITS]
     words = [token for token in tokens if token not in units]

@@ -60,6 +60,7 @@ def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]
 
     attributes: by name, n rows each, "positions" (n, 3) among them."""
     points = attributes["positions"]
+    # float32 keeps enough of large coordinates only near an origin
     origin = choose_origin(points) if points.dtype == np.float64 else np.zeros(3)
     points_from_origin = (points - origin.astype(points.dtype)).astype(np.float32)
     columns = dict(zip("xyz", points_from_origin.T, strict=True))
@@ -85,6 +86,7 @@ def format_ply(attributes: Attributes) -> bytes:
     if "colors" in attributes:
         columns |= _split(PLY_COLOURS, _as_bytes(attributes["colors"]))
     for name, column in _single_columns(attributes, columns).items():
+        # None if PLY cannot hold it
         ply_column = _fit_ply(name, column)
         if ply_column is not None:
             columns[name] = ply_column

@@ -67,10 +67,11 @@ class Groups(NamedTuple):
 
     @staticmethod
     def from_numbers(numbers: Int64[Tensor, " n"]) -> "Groups":
-        """Group rows by their number, 0 or more."""
+        """Group rows by their number, 0 or more; rows of a group stay in order."""
         count = len(numbers)
         if numbers.device.type == "cpu" and count:
-            # numbers with their rows as low bits: sorted faster than numbers with an index
+            # numbers with their rows as low bits: sorted faster than numbers with an index; both
+            # must fit 63 bits
             row_bits = count.bit_length()
             keys = np.sort(numbers.numpy() << row_bits | np.arange(count))
             order = torch.from_numpy(keys & (1 << row_bits) - 1)
@@ -128,7 +129,9 @@ def voxelise(
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
     """One batch of several clouds (or batches), in their order."""
+    # voxel of each point, counted over the batch
     voxel_parts = []
+    # item, ix, iy and iz of each occupied voxel
     cell_parts = []
     items = 0  # so far
     rows = 0  # occupied voxels so far
@@ -148,7 +151,9 @@ def collate(batch: Sequence[Voxels]) -> Voxels:
 def grid_cells(
     cloud: Float32[Tensor, "n 3"], config: VoxelNetConfig
 ) -> tuple[Float32[Tensor, "m 3"], Int64[Tensor, "m 3"]]:
-    """Points of a cloud (x y z, m) inside the grid, and indices of their voxels along x, y, z."""
+    """Points of a cloud inside the grid, in their order, and voxel indices along x, y, z of each.
+
+    cloud: x y z in the frame of the grid (m); points on its border are outside."""
     xmin, ymin, xmax, ymax = config.area
     bounds = ((xmin, xmax), (ymin, ymax), config.height)
     is_inside = torch.ones(len(cloud), dtype=torch.bool, device=cloud.device)

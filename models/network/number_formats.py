@@ -60,7 +60,8 @@ def find_bfloat16_library(device: torch.device) -> Library | None:
 def _time_libraries(device: torch.device) -> Library | None:
     """Fastest library in bfloat16, None if none takes less than `MAX_TIME_SHARE` of float32's time.
 
-    Other devices than a CPU with instructions for bfloat16 have None too."""
+    The answer is None too for a device that is not a CPU with instructions for bfloat16."""
+    # a version of torch without such a check counts as a CPU without the instructions
     checks = [
         getattr(torch.cpu, f"_is_{name}_supported", lambda: False)
         for name in ("avx512_bf16", "amx_tile")
@@ -76,6 +77,7 @@ def _time_libraries(device: torch.device) -> Library | None:
         float32_times.append(time_layer("torch", torch.float32))
         for library, times in bfloat16_times.items():
             times.append(time_layer(library, torch.bfloat16))
+    # the least of several times is the one that other work delayed least
     fastest = min(libraries, key=lambda library: min(bfloat16_times[library]))
     is_fast = min(bfloat16_times[fastest]) < MAX_TIME_SHARE * min(float32_times)
     return fastest if is_fast else None

@@ -51,6 +51,7 @@ class OpenVinoProposal(nn.Module):
         if network is None:
             network = CompiledMaps(self.proposal, shape, self.precision)
             self._networks[shape] = network
+        # (rows, columns, channels) of each item
         class_maps = []
         feature_maps = []
         for item in x.permute(0, 2, 3, 1).float().cpu().numpy():
@@ -125,15 +126,17 @@ def graph_layer(layer: nn.Module, shape: MapShape) -> "openvino.Model":
 
 
 def _graph_proposal(proposal: FoldedRegionProposal, shape: MapShape) -> "openvino.Model":
-    """Graph of a proposal part, with class logits and features as outputs."""
+    """Graph of a region proposal network, with class logits and features as outputs."""
     import openvino as ov
 
     x = _input_node(shape)
     node = x
+    # output of each block, the finest first
     block_maps = []
     for block, order in zip(proposal.blocks, proposal.order, strict=True):
         for number in order:
-            if not isinstance(block[number], nn.Identity):  # computed before
+            # an identity replaces a layer that is computed before the graph
+            if not isinstance(block[number], nn.Identity):
                 node = _relu(_convolve(node, block[number]))
         block_maps.append(node)
     if isinstance(proposal.join, LinearHead):

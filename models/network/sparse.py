@@ -159,16 +159,18 @@ class FoldedRegionProposal(nn.Module):
         """Fold the normalisation of the blocks into their convolutions, and take over the head.
 
         rpn: region proposal network; input_order: order of the first block's input channels, None
-        for the usual one."""
+        for the order in training."""
         super().__init__()
         self.order = rpn.order  # for each block the indices of its layers as they run
         rpn_blocks: Any = rpn.blocks
         blocks = [list(map(_fold_layer, block)) for block in rpn_blocks]
         if input_order is not None:
+            # axes: output channel, input channel, row, column
             blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
         self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
-        # all up to the 3x3 convolution of the head is linear and can be folded, if the maps are put
-        # side by side; maps that are added, or a head without it, are joined as in training
+        # all from the blocks' maps to the 3x3 convolution of the head is linear and can be folded,
+        # if the maps are concatenated; maps that are added, or a head without it, are joined as in
+        # training
         self.join: PlainJoin | LinearHead
         if rpn.add or head.conv3x3 is None:
             self.join = PlainJoin(rpn, head)
@@ -224,8 +226,9 @@ class ClassifiedCells(NamedTuple):
 
         places: item, row, column and anchor of each; anchors: number of anchors in a cell."""
         items, _, rows, columns = self.features.shape
+        # over the batch
         cell = (places.item * rows + places.row) * columns + places.column
-        # cells with a place, each once, and the one of each place among them
+        # cells with a place, each once, and the index in them of each place's cell
         groups = Groups.from_numbers(cell)
         cells = groups.number
         cell_of_place = groups.of_rows()
@@ -259,7 +262,8 @@ class PlainJoin(nn.Module):
         if rpn.add:
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
-            biases = (shift, None, None)  # the maps are added, so only one carries the shift
+            # the finest map first; the maps are added, so only one carries the shift
+            biases = (shift, None, None)
             self.upsample = nn.ModuleList(
                 make_conv(
                     layer.weight * scale[:, None, None],
@@ -274,6 +278,7 @@ class PlainJoin(nn.Module):
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B outputs H W"]:
         """Feature map for the head. maps: one of each block, the finest first."""
         layers: Any = self.upsample
+        # maps that are added have a 1x1 layer for the finest one
         fine = cell_by_cell(layers[0], maps[0]) if self.add else layers[0](maps[0])
         middle = layers[1](maps[1])
         coarse = layers[2](maps[2])
@@ -306,10 +311,9 @@ class LinearHead(nn.Module):
             _compose(middle.weight, middle_weight), bias=None, stride=2, padding=1, transposed=True
         )
         # what the biases of both maps add through the 3x3 convolution
-        bias_weight = (
-            torch.cat((coarse_weight, middle_weight), 1)
-            * torch.cat((coarse.bias, middle.bias))[:, None, None]
-        )
+        # axes: output channel, input channel, row, column
+        biases = torch.cat((coarse.bias, middle.bias))
+        bias_weight = torch.cat((coarse_weight, middle_weight), 1) * biases[:, None, None]
         # a bias is the same in all 4 x 4 cells of a coarse one: a transposed kernel of ones
         bias_kernel = _compose(bias_weight.new_ones(1, 1, 4, 4), bias_weight.sum(1, keepdim=True))
         # the first channel of ones carries the biases, the others only fill up the width
@@ -412,9 +416,10 @@ class SparseColumns(nn.Module):
         self.levels = nn.Parameter(fold.weight.detach() * scale)  # level, input, output
         self.shift = nn.Parameter(shift)
         taps = first.weight.detach().permute(2, 3, 1, 0)  # along x, along y, input, output
-        # by parity of the column's indices: the taps that it meets, side by side as outputs
+        # by parity of the column's indices: the taps that it meets, concatenated as outputs
         self.kernels = nn.ParameterList()
         for parity in _PARITIES:
+            # kx, ky: indices of a tap in the kernel
             kernels = [taps[kx, ky] for kx, ky, _, _ in _meet_taps(*parity)]
             self.kernels.append(nn.Parameter(torch.cat(kernels, 1)))
         self.bias = nn.Parameter(_bias(first).detach().clone())
@@ -537,11 +542,12 @@ class SparseMiddle(nn.Module):
     """
 
     def __init__(self, middle: MiddleLayers) -> None:
-        """Fold each layer; `empty` is what it makes of a grid without points."""
+        """Fold each layer, with its response to a grid without points before the ReLU."""
         super().__init__()
         self.shape = middle.shape
         layers: Any = middle.layers
         first = layers[0][0]
+        # input of the next layer for a small grid without points; axes: item, channel, z, x, y
         empty = first.weight.new_zeros(
             1, first.in_channels, self.shape[2], SMALL_GRID_CELLS, SMALL_GRID_CELLS
         )
@@ -555,7 +561,7 @@ class SparseMiddle(nn.Module):
                 )
             )
             empty = torch.relu(empty)
-        # level by level instead of channel by channel
+        # outputs go level by level: index of each among channels that go channel by channel
         width, levels = empty.shape[1:3]
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
@@ -572,13 +578,15 @@ class SparseMiddle(nn.Module):
         position = plane.place(item, ix, iy)
         mask = torch.zeros(nz, plane.size, dtype=torch.bool, device=features.device)
         mask[iz, position] = True
-        rows = count_before(mask)[iz, position]  # each voxel's row, by level, then position
+        # row of each voxel if they are sorted by level, then position
+        rows = count_before(mask)[iz, position]
         # an empty grid's values are zero before the first layer
         differences = torch.empty_like(features).index_copy_(0, rows, features)
         reached = Reached(mask, differences)
         for layer in self.layers:
             reached, values = layer(reached, plane)
         level, position = torch.nonzero(reached.mask, as_tuple=True)
+        # values of an empty grid, replaced in the cells that a point has reached
         grid = self.layers[-1].everywhere(plane)
         grid[(*plane.cell(position), level)] = values
         return grid.flatten(3).permute(0, 3, 1, 2)

@@ -84,7 +84,7 @@ class PlacedClouds(NamedTuple):
         points_and_cells = [grid_cells(cloud, config) for cloud in clouds]
         inside_points = [points for points, _ in points_and_cells]
         device = inside_points[0].device
-        number = torch.arange(len(clouds), device=device)
+        cloud_numbers = torch.arange(len(clouds), device=device)
         counts = torch.tensor([len(points) for points in inside_points], device=device)
         cells = torch.cat([indices for _, indices in points_and_cells])
         nx, ny = config.grid_shape[:2]
@@ -93,7 +93,7 @@ class PlacedClouds(NamedTuple):
         voxel = groups.of_rows()
         return PlacedClouds(
             points=torch.cat(inside_points),
-            cloud=torch.repeat_interleave(number, counts),
+            cloud=torch.repeat_interleave(cloud_numbers, counts),
             cells=cells,
             voxel=voxel,
             crowd=groups.counts().index_select(0, voxel),
@@ -110,12 +110,13 @@ class PlacedClouds(NamedTuple):
         unions: True for the clouds of each union.
         """
         # unions that differ only in clouds without a point in such voxels lose the same points
-        rows = torch.nonzero(self.crowd > max_points)[:, 0]
+        rows = torch.nonzero(self.crowd > max_points)[:, 0]  # points in crowded voxels
         has_crowded = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         # `distinct_row`: row in `distinct_unions` of each union
         distinct_unions, distinct_row = np.unique(unions & has_crowded, axis=0, return_inverse=True)
         group_of_distinct = np.zeros(len(distinct_unions), np.int64)
-        dropped = [rows[:0]]  # by group; group 0 loses no point
+        # keys of the points lost by each group, group · points + row; group 0 loses no point
+        dropped = [rows[:0]]
         for index, union in enumerate(distinct_unions):
             union_rows = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
             _, voxel, count = torch.unique(
@@ -137,6 +138,7 @@ class PlacedClouds(NamedTuple):
         tile_x, tile_y = (self.cells[:, :2] // size).T
         column_x, column_y = (self.cells[:, :2] % size).T  # within the tile
         row_parts = []
+        # tile * clouds + cloud
         key_parts = []
         # 0: the tile that holds the point; 1: the next one, if the point is in its margin
         for dx, dy in product((0, 1), (0, 1)):
@@ -290,8 +292,9 @@ class UnionPlan(NamedTuple):
         unions = self.unions
         tile_count = len(seen)
         union_count = len(unions)
-        # (tiles, unions): group of lost points, 0 for tiles out of reach of crowded voxels; then
-        # the clouds of the union that reach the tile, as bits
+        # numbers for each tile and union, which together decide its value. First the group of lost
+        # points, 0 for tiles out of reach of crowded voxels (the last column of `seen`); then the
+        # clouds of the union that reach the tile, as bits
         code_parts = [seen[:, -1:] * self.thinning]
         for first in range(0, unions.shape[1], 31):  # 31 clouds are the bits of one part
             union_columns = unions[:, first : first + 31]
@@ -342,6 +345,7 @@ class TiledVoxelNet:
         """Choose tiles for the network's map, and take over its layers."""
         self._network = network
         self.config = network.config
+        # cells along x and y
         self._map = rows, columns = self.config.map_shape
         self.size = choose_size(rows, columns)  # cells of the head's map along a tile's side
         self._grid = -(-rows // self.size), -(-columns // self.size)  # tiles along x and y
@@ -357,6 +361,7 @@ class TiledVoxelNet:
         join: Any = network.rpn.join
         self._finest, *coarse_layers = join.upsample
         # A transposed convolution of kernel and stride k is a 1x1 one with outputs for k x k cells.
+        # axes of its weight: input, output, row, column
         weights = (
             layer.weight.permute(2, 3, 1, 0).reshape(-1, layer.in_channels, 1, 1)
             for layer in coarse_layers
@@ -452,7 +457,10 @@ class TiledVoxelNet:
 
     @torch.inference_mode()
     def _maps(self, plan: UnionPlan) -> list[tuple[Tensor, Entries]]:
-        """Values (a bank) and entries of each block's last layer."""
+        """Values and entries of each block's last layer, the finest first.
+
+        Values are (n + 1, t, t, channels): n entries, tiles of t x t cells, then a tile of zeros.
+        """
         entries = plan.entries(0)
         size = self.size  # cells of the layer along a tile's side
         layer = 0
@@ -478,7 +486,9 @@ class TiledVoxelNet:
         by_tile = placed.by_tile(self._grid, size=2 * self.size, before=2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
-            """Values of tiles, each in one union. tiles: numbers; union: row of `plan.unions`."""
+            """Values of tiles (m, t, t, channels), each in one union.
+
+            tiles: their numbers (m,); union: row of `plan.unions` for each (m,)."""
             # rows: points of all tiles; item: index in `tiles` of each point's tile
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(plan.dropped):
@@ -491,6 +501,7 @@ class TiledVoxelNet:
                 rows = rows[is_kept]
                 item = item[is_kept]
             voxels = placed.batch(rows, item, len(tiles), self.config)
+            # a cell of the map has 2 x 2 columns of voxels, and the margin is one such cell
             corner = 2 * self.size * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             # cells are (item, ix, iy, iz): only ix and iy are counted from the tile's corner
             voxel_corner = F.pad(corner[voxels.cells[:, 0]], (1, 1))
@@ -510,13 +521,15 @@ class TiledVoxelNet:
         bank: values of the entries `before` the layer, and a last row of zeros. size: cells along a
         side of a tile before the layer.
         """
-        # step to a tile (0: the one before), cells of the patch that it fills, and its cells there
+        # for each of three adjacent tiles along an axis: step (0: the tile before, 1: the tile
+        # itself), cells of the patch that it fills, and which of its cells are copied there
         sides = (
             (0, slice(0, 1), slice(-1, None)),
             (1, slice(1, -1), slice(None)),
             (2, slice(-1, None), slice(0, 1)),
         )
-        # entry of each tile and union, with tiles of zeros (the bank's last row) about the map
+        # entry of each tile and union (tiles along x, along y, unions), with tiles of zeros (the
+        # bank's last row) about the map
         entry_of = before.entry.reshape(*self._grid, -1)
         entry_of = np.pad(entry_of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))
 
@@ -524,7 +537,9 @@ class TiledVoxelNet:
             """Values of tiles, each in one union."""
             # each tile with a margin of one cell from the eight tiles around it
             patches = bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3])
-            x, y = self._corners(tiles).T  # with the margin, the tile before along both axes
+            # indices of the tiles in the grid; in `entry_of`, with its margin, indices of the tiles
+            # before them along both axes
+            x, y = self._corners(tiles).T
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
                 rows = torch.from_numpy(entry_of[x + dx, y + dy, union]).to(bank.device)
                 patches[:, to_x, to_y] = bank[:, from_x, from_y][rows]
@@ -539,7 +554,8 @@ class TiledVoxelNet:
     def _heads(self, maps: list[tuple[Tensor, Entries]]) -> Iterator[TilePredictions]:
         """Yield the head's maps of the last layer's entries, batch by batch.
 
-        maps: values and entries of each block's last layer, the finest first.
+        maps: values (n + 1, t, t, channels) and entries of each block's last layer, the finest
+        first.
         """
         rpn = self._network.rpn
         _, head_entries = maps[-1]
@@ -565,12 +581,15 @@ class TiledVoxelNet:
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
     def _within(self, x: _Bank, tiles: np.ndarray) -> _Bank:
-        """Values of tiles with zeros in cells beyond the map, as convolutions expect."""
+        """Values of tiles with zeros in cells beyond the map, as convolutions expect.
+
+        x: values (m, t, t, channels); tiles: their numbers (m,)."""
         size = x.shape[1]  # cells along a tile's side in this layer
         corners = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
             if side * self.size != cells:  # the last tiles along this axis go beyond the map
                 cell = corners[:, axis, None] * size + torch.arange(size, device=x.device)
+                # `cells` is counted in the head's map, this layer has size / self.size as many
                 is_on_map = (cell < cells * size // self.size).to(x.dtype)
                 x = x * (is_on_map[:, :, None, None] if axis == 0 else is_on_map[:, None, :, None])
         return x

@@ -145,7 +145,8 @@ class VoxelFeatures(nn.Module):
         """Make the linear maps of a configuration, with random weights."""
         super().__init__()
         self.config = config
-        # a layer's outputs are joined by the voxel's maxima, so the next one has twice the inputs
+        # a point has six features; a layer's outputs are joined by the voxel's maxima, so the next
+        # one has twice the inputs
         input_widths = (6, *(2 * width for width in config.vfe_widths))
         output_widths = (*config.vfe_widths, config.voxel_width)
         self.layers = nn.ModuleList()
@@ -206,9 +207,11 @@ class MiddleLayers(nn.Module):
     def __init__(self, config: VoxelNetConfig) -> None:
         """Make the three convolutions of a configuration, with random weights."""
         super().__init__()
+        # voxels along x, y and z
         self.shape = config.grid_shape
+        # inputs, outputs
         widths = pairwise((config.voxel_width, *config.middle_widths))
-        # the three layers', along z, x and y
+        # for the three layers, along z, x and y
         strides = ((2, 1, 1), (1, 1, 1), (2, 1, 1))
         paddings = ((1, 1, 1), (0, 1, 1), (1, 1, 1))
         self.layers = nn.ModuleList()
@@ -328,6 +331,7 @@ class RegionProposal(nn.Module):
         widths = config.rpn_widths
         map_width = config.upsample_width
         self.blocks = nn.ModuleList()
+        # a block takes what the one before gives; the last width is the input of no block
         for block_inputs, width, order in zip((inputs, *widths), widths, self.order, strict=False):
             layers = [conv_norm_relu(nn.Conv2d(block_inputs, width, 3, stride=2, padding=1))]
             for _ in range(max(order)):  # the indices go from 0 to the largest
@@ -345,7 +349,10 @@ class RegionProposal(nn.Module):
         self.width = map_width if self.add else 3 * map_width
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B outputs h w"]:
-        """Feature map for the head, at the resolution of the first block."""
+        """Feature map for the head, at the resolution of the first block.
+
+        x: map of the grid seen from above, H along its x axis and W along its y axis."""
+        # a map for each block, the finest first, all brought to one resolution
         maps = []
         for block, order, upsample in zip(self.blocks, self.order, self.upsample, strict=True):
             for layer in order:
@@ -371,7 +378,7 @@ class Head(nn.Module):
         if config.head == "quality":
             self.direction = nn.Conv2d(inputs, anchors, 1)
             self.quality = nn.Conv2d(inputs, anchors, 1)
-            # a probability of 1 % at first, since vehicles are rare
+            # a probability of 1 % at first, 1 / (1 + 99), since vehicles are rare
             nn.init.constant_(self.classes.bias, -math.log(99))  # type: ignore[arg-type]
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:

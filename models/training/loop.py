@@ -173,9 +173,14 @@ class _Course:
     progress: Progress | None
 
     def run(self, batches: Iterable[Batch]) -> None:
-        """Train on batches until the last step."""
+        """Train on batches until the last step.
+
+        After each epoch the network is validated and a checkpoint saved; one is saved too whenever
+        `checkpoint_s` seconds have passed since the last."""
         state = self.state
+        # time (s) of the last checkpoint
         saved = time.monotonic()
+        # a resumed training counts as begun earlier, by the time that it has already taken
         began = saved - state.spent
         for batch in batches:
             losses = state.learn(

@@ -82,7 +82,8 @@ class TrainingOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        """Raise ValueError for an option that is out of range."""
+        """Raise ValueError for an option that is out of range, and for two that do not fit."""
+        # names of options whose value, unless None, must be finite and above 0
         numbers = [
             "voxel",
             "epochs",
@@ -103,6 +104,7 @@ class TrainingOptions:
             raise ValueError(
                 f"--seed and --workers must not be negative, got {self.seed} and {self.workers}"
             )
+        # a training that starts from weights keeps their classes, which are not known here
         classes = ("vehicle",) if self.classes is None and self.start is None else self.classes
         if classes is not None:
             select_anchors(classes)  # raises for an unknown class

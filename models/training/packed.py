@@ -275,7 +275,9 @@ class Rig:
         return points
 
     def in_crop(self, points: _Points, margin: float = 0.0) -> Mask:
-        """Mask of points in the crop, widened by a margin (m)."""
+        """Mask of points (x y z, m) in the crop, widened by a margin (m).
+
+        Heights count from the ground, which may slope: from 0 to the crop's height."""
         x, y, z = level_rows(points, self.slope).T
         xmin, ymin, xmax, ymax = self.area
         is_inside_x = (x >= xmin - margin) & (x <= xmax + margin)

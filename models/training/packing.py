@@ -116,6 +116,7 @@ def read_recordings(path: Path) -> list[PackedRecording]:
     """Recordings of a packed file, one for each rig, ready to be packed again."""
     packed = PackedFrames(path)
     changes_by_rig: list[list[Change]] = [[] for _ in packed.rigs]
+    # frames of all rigs, in the order of the file
     for k in range(len(packed)):
         pixels, steps = packed.changes(k)
         clouds = tuple(packed.points(k, rng=None)) if packed.is_recorded(k) else None
@@ -239,7 +240,9 @@ def _write(
 
 
 def _write_rig(group: h5py.Group, rig: Rig) -> None:
-    """Write the sensors, the crop and the empty site of a rig to its group."""
+    """Write the sensors, the crop and the empty site of a rig to its group.
+
+    The pixels and depths of all sensors are concatenated; "ends" holds the end of each sensor's."""
     group.attrs["area"] = np.array(rig.area, np.float64)
     group.attrs["height"] = rig.height
     if rig.slope != LEVEL:
@@ -253,15 +256,19 @@ def _write_rig(group: h5py.Group, rig: Rig) -> None:
     group["ends"] = np.cumsum([len(view) for view in rig.pixels])
     for name, columns in (("pixels", rig.pixels), ("depth", rig.depth)):
         data = np.concatenate(columns)
+        # HDF5 cannot compress an empty dataset
         group.create_dataset(
             name, data=data, compression="gzip" if len(data) else None, shuffle=len(data) > 0
         )
 
 
 def _write_clouds(file: h5py.File, recorded: dict[int, tuple[np.ndarray, ...]]) -> None:
-    """Write recorded clouds (in steps of the file), given by the number of their frame."""
-    sizes = [list(map(len, clouds)) for clouds in recorded.values()]  # by frame and sensor
-    # for each frame, where its first sensor's points begin, then where each sensor's end
+    """Write recorded clouds to the group "clouds", their points one after another.
+
+    recorded: for the number of a frame, the points of each sensor (n, 3), in steps of the file."""
+    # number of points of each sensor, for each frame
+    sizes = [list(map(len, clouds)) for clouds in recorded.values()]
+    # rows of the points: for each frame the first one, and then the end of each sensor's
     starts = np.cumsum([0, *map(sum, sizes[:-1])])
     ends = [np.cumsum([start, *row]) for start, row in zip(starts, sizes, strict=True)]
     points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])

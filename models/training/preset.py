@@ -40,7 +40,7 @@ class Preset:
 
 
 def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
-    """Raise ValueError if a preset cannot train this network."""
+    """Raise ValueError if a preset cannot train a network of a configuration."""
     if config.head != preset.loss:
         raise ValueError(
             f"the {preset.loss} loss needs a network with that head, got head {config.head!r}"

@@ -45,6 +45,8 @@ def random_errors(rng: Rng) -> ErrorProfile:
         """A strength up to the highest with this chance, else 0."""
         return float(rng.uniform(0, highest)) if rng.random() < chance else 0.0
 
+    # Each strength needs the generator, so their order is part of the result. Lengths are in m,
+    # rain in mm/h, times in s, the focal length and disparity in pixels.
     terms: tuple[ErrorTerm, ...] = (
         error_terms.Glass(share=strength(chance=0.6, highest=1.0)),
         error_terms.Paint(share=strength(chance=0.3, highest=0.4)),

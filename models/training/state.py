@@ -51,7 +51,10 @@ class TrainingState:
         }
 
     def restore(self, state: dict[str, Any], total: int) -> None:
-        """Resume from a state of a run of `total` steps."""
+        """Resume from the saved state of a run of `total` steps.
+
+        Raises ValueError for a step outside the run. Checkpoints of older versions lack the time
+        spent and the recent losses."""
         if type(state["step"]) is not int or not 0 <= state["step"] <= total:
             raise ValueError(
                 f"step must be a whole number from 0 to {total}, got {str(state['step'])[:40]}"
@@ -93,6 +96,7 @@ def start_training(
     preset: seed, optimiser and schedule of the learning rate; per_epoch: steps of an epoch."""
     torch.manual_seed(preset.seed)
     network = VoxelNet(config).to(device)
+    # a network without three-dimensional layers trains with its channels last in memory
     if not config.middle_widths:
         network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     parameters = network.train().parameters()
@@ -108,5 +112,6 @@ def start_training(
         # a tenth of the rate after ten epochs
         schedule = MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
     else:
+        # rises to the rate in the first fifth of the steps; it needs a few steps to have a shape
         schedule = OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2)
     return TrainingState(network, optimiser, schedule)

@@ -30,7 +30,9 @@ def cut_log(path: Path, step: int) -> None:
 
 
 def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Return the epochs and values of each figure, in order."""
+    """Return the epochs and values of each figure by name, in the order of a log.
+
+    path: CSV file with the columns name, epoch and value."""
     curves: dict[str, tuple[list[float], list[float]]] = {}
     with path.open(newline="") as file:
         for row in csv.DictReader(file):

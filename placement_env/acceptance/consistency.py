@@ -147,11 +147,14 @@ def find_ends(
 ) -> Bool[np.ndarray, " tracks"]:
     """Return for each track that ends whether it ends inside the area, away from its border.
 
-    Tracks of less than `MIN_AGE_S`, and those that end with the recording, are left out."""
+    Tracks of less than `MIN_AGE_S`, and those that end with the recording, are left out. tracks:
+    tracks of each frame, in the site's frame."""
+    # by number of the track: last box and time (s) with a detection, and age (s)
     last_boxes: dict[int, np.ndarray] = {}
     last_times: dict[int, float] = {}
     ages: dict[int, float] = {}
     for frame, frame_tracks in zip(frames, tracks, strict=True):
+        # detected in this frame, not only predicted
         is_seen = frame_tracks.unseen == 0
         for track, box in zip(
             frame_tracks.ids[is_seen].tolist(), frame_tracks.boxes[is_seen], strict=True
@@ -161,6 +164,8 @@ def find_ends(
         ages |= dict(zip(frame_tracks.ids.tolist(), frame_tracks.ages.tolist(), strict=True))
     end = frames[-1].time - MIN_REST_S
     ended = [track for track, time in last_times.items() if time < end and ages[track] >= MIN_AGE_S]
+    # xmin, ymin, xmax, ymax (m)
     inner_area = site.area + np.array([BORDER_M, BORDER_M, -BORDER_M, -BORDER_M])
+    # (0, 7) without tracks
     boxes = np.array([last_boxes[track] for track in ended]).reshape(-1, 7)
     return has_centre_inside(boxes, inner_area)

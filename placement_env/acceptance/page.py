@@ -71,7 +71,7 @@ def build_page(acceptance: Acceptance, plan: str, recording: str) -> Document:
 
 
 def describe_acceptance(acceptance: Acceptance) -> str:
-    """Return verdict, faults and both tables as plain text."""
+    """Return the verdict, faults, tables of sensors and classes, and findings as plain text."""
     parts = ["\n".join([acceptance.verdict, *(f"  {fault}" for fault in acceptance.faults)])]
     headings = ["sensor", "returns", "range m", "noise cm", "pose off", "from plan", "fault"]
     table = [headings, *(_sensor_texts(check) for check in acceptance.sensors)]
@@ -152,7 +152,9 @@ def _list_sensors(acceptance: Acceptance) -> Content:
 
 
 def _sensor_cells(check: SensorCheck) -> tuple[Cell | str, ...]:
-    """Return a row of the table of sensors."""
+    """Return a row of the table of sensors: name, returns, range, noise, two pose errors, faults.
+
+    Figures are measured and promised ones; the pose is compared with the stated and the planned."""
     measured = check.measured or UNMEASURED
     returns = percent(check.returns_share)
     if not math.isnan(check.returns_low):
@@ -202,7 +204,9 @@ def _short_pose(error: PoseError | None) -> str:
 
 
 def _list_classes(acceptance: Acceptance) -> Content:
-    """Return chart and table of promised and measured results of each class."""
+    """Return chart and table of promised and measured results of each class.
+
+    A recording without labels has no classes; its sensors are compared with each other instead."""
     if not acceptance.classes:
         blocks: list[ReportBlock] = []
         if acceptance.consistency is not None:
@@ -232,7 +236,7 @@ def _list_classes(acceptance: Acceptance) -> Content:
 
 def _draw_classes(checks: Sequence[ClassCheck]) -> tuple[ReportBlock, ...]:
     """Return a chart of promised and measured AP, nothing if no class has objects."""
-    bars: list[tuple[str, Judgement | None]] = []
+    bars: list[tuple[str, Judgement | None]] = []  # name and AP
     for check in checks:
         if check.measured is not None:
             bars.append((f"{check.label}, promised", check.promised))
@@ -265,7 +269,9 @@ def _ap_cell(judged: Judgement) -> Cell:
 
 
 def _class_texts(check: ClassCheck) -> list[str]:
-    """Return a row of the plain table."""
+    """Return a row of the text table of classes.
+
+    Columns: class, IoU, AP promised and measured with intervals, recall of both, HOTA, outcome."""
     promised = check.promised
     measured = check.measured
     measured_ap = UNDEFINED_MARK
@@ -295,6 +301,8 @@ def _outcome(check: ClassCheck) -> str:
 
 def _describe_consistency(consistency: Consistency, promised_recall: float) -> str:
     """Describe in sentences what a recording without labels shows.
+
+    The detections by each half of the sensors are compared with those by the other half.
 
     promised_recall: recall in the plan."""
     if not consistency.detections:

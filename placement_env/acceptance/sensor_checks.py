@@ -97,7 +97,9 @@ class SensorCheck:
         return self.measured is None or self.working_share == 0
 
     def faults(self) -> tuple[str, ...]:
-        """Return the faults of the sensor, each in a sentence without its name."""
+        """Return the faults of the sensor, each a sentence without its subject, the sensor.
+
+        A sensor that is off its stated pose is not compared with its planned one."""
         if self.measured is None:
             return ("is not in the recording",)
         if self.is_dead:

@@ -101,7 +101,10 @@ class Candidates(Displayed):
     axes: Axes
 
     def __post_init__(self) -> None:
-        """Raise ValueError for fields that do not fit together."""
+        """Raise ValueError for fields that do not fit together.
+
+        factors: a row for each sensor, with indices of its mount, height, heading, tilt and model,
+        which must be below `shape`."""
         count = len(self.sensors)
         if len(self.factors) != count:
             raise ValueError(

@@ -524,7 +524,9 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
 
 
 def summary(objective: Objective, members: list[int]) -> str:
-    """Describe site, scheme, chosen sensors and their score; members: indices of candidates."""
+    """Describe site, scheme, chosen sensors and their score.
+
+    members: indices of the chosen candidates."""
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
     site_name = _site_name(objective)

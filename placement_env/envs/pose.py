@@ -69,6 +69,7 @@ class PoseRig:
     def to_candidates(self) -> Candidates:
         """Sensors in their present poses."""
         start = self.candidates
+        # above the mount's foot (m)
         height = self.aim[:, 0]
         sensor_z = _feet_z(start) + height
         sensors = []
@@ -95,13 +96,16 @@ class _PoseScenarios(EpisodeSource):
     """
 
     def __init__(self, config: PoseConfig) -> None:
-        """Raise ValueError if a site has too few mounts for the budget, or no surrogate."""
+        """Prepare the sites of a configuration.
+
+        Raises ValueError if a site has too few mounts for the budget, or no surrogate."""
         super().__init__(config)
         _, self.slots = config.budgets  # the largest budget
         self.moves = config.moves
         _, max_failures = config.failure_counts
         for index in range(len(self.sites)):
             mount_count = len(np.unique(self.candidates(index).mount))
+            # a mount for each sensor, and one more for each failure
             if mount_count < self.slots + max_failures:
                 raise ValueError(
                     f"{self.sites[index].name} has {mount_count} mounts with candidates, too few "

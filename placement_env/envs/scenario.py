@@ -82,6 +82,7 @@ class Scenario:
             raise ValueError(f"{problem}: make it with slots={self.width}")
         # slots with a candidate whose link carries its data
         self.usable = np.pad(objective.linked, (0, slots - self.width))
+        # axes: candidate, place
         sees_place = places_seen(objective)
         _, self.places = sees_place.shape
         # places in bits, 64 in a word; places and slots that are missing stay 0
@@ -89,6 +90,7 @@ class Scenario:
         slot_places[: len(sees_place), : self.places] = sees_place
         words = np.packbits(slot_places, axis=1).view(np.uint64)
         self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(words.T)
+        # features that do not change within an episode; axes: feature, slot
         self.static = np.zeros((len(STATIC), slots), np.float32)
         seen_share = sees_place.sum(axis=1) / max(1, self.places)
         self.static[:, : self.width] = np.clip(self._features(seen_share), -1, 1)
@@ -112,7 +114,7 @@ class Scenario:
         middle = (low + high) / 2
         x, y = ((position[:, :2] - middle) / (high - low)).T
         price = self.objective.candidates.prices
-        megabit = self.objective.sent / 1000
+        megabit = self.objective.sent / 1000  # per frame
         return np.stack(
             [
                 x,

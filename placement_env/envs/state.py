@@ -74,6 +74,7 @@ class State:
         self._max_steps = max_steps
         self.scenarios: list[Scenario | None] = [None] * n
         self.ready = False
+        # each scenario with the index of its rows
         self.groups: list[tuple[Scenario, Rows]] = []
         self._weights = np.zeros((2, n))  # rows: weights of kbit per sensor and of price
         # last global features: two weights, and the scheme
@@ -87,12 +88,15 @@ class State:
         self.budget = np.ones(n, np.int64)
         self.steps = np.zeros(n, np.int64)
         self.max_steps = np.ones(n, np.int64)
+        # six figures of each row, and whether they were in memory
         self.scores = Scores(*np.zeros((6, n)), np.zeros(n, np.bool_))  # type: ignore[call-arg]
         self.illegal = np.zeros(n, np.bool_)
         self.repeated = np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
-        """Start new episodes in some rows, one for each row."""
+        """Start new episodes in some rows.
+
+        rows: indices of the rows; episodes: one for each row, in their order."""
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = (
             STEPS_PER_SENSOR * self.budget[rows] if self._max_steps is None else self._max_steps
@@ -257,7 +261,9 @@ class State:
                     figure[scored_rows] = value
 
     def _set_scenarios(self, scenarios: Mapping[int, Scenario]) -> None:
-        """Take over new scenarios by row, and group all rows by scenario."""
+        """Take over new scenarios, and group all rows by scenario.
+
+        scenarios: the scenario of each row that starts an episode, by the row's index."""
         changed_scenarios = {
             row: scenario
             for row, scenario in scenarios.items()
@@ -308,7 +314,7 @@ def find_room(
     candidates = objective.candidates
     loads = objective.shared_links  # kbit per frame of each candidate, None if no link is shared
     if loads is not None:
-        # room on links and on mounts
+        # `room_beside` checks both, links and mounts
         has_room[:, :width] &= room_beside(candidates, chosen[:, :width], loads)
         return has_room
     # only the places on mounts limit: number of sensors on each mount in each set

@@ -104,14 +104,16 @@ def write_exchange(
 
 
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
-    """Mounting schedule, one line per sensor.
+    """Mounting schedule as CSV text, a line for each sensor under a line of headings.
 
-    Lengths are in m (site frame), angles in degrees, kbit per frame.
+    Lengths are in m (site frame), angles in degrees, kbit per frame. currency: the prices', ""
+    if they are counted in ordinary poles.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(SCHEDULE_COLUMNS)
     for sensor in sensors:
+        # in the order of `SCHEDULE_COLUMNS`
         row = [
             safe_cell(sensor.pole),
             safe_cell(sensor.name),

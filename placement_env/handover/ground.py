@@ -253,7 +253,9 @@ def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np
     top = np.array([solid.top for solid in site.solids])[solid_index]
     is_water = np.array([solid.kind == "pond" for solid in site.solids])[solid_index]
     height = target_rows[target, 2]
-    is_blocked = (base < height - TARGET_HEIGHT_M + MIN_CLEARANCE_M) & (top >= height)
+    ground = height - TARGET_HEIGHT_M
+    # from less than the clearance above the ground up to the target or higher
+    is_blocked = (base < ground + MIN_CLEARANCE_M) & (top >= height)
     open_ground.ravel()[target[is_water | is_blocked]] = False
     return open_ground
 
@@ -286,9 +288,9 @@ def _polygons(ground: GroundGrid, mask: Bool[np.ndarray, "ny nx"]) -> list[shape
         ground.x[end_columns - 1] + half,
         ground.y[rows] + half,
     )
-    merged_runs = shapely.simplify(
-        shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half
-    )
+    # a grid of a thousandth of a cell closes gaps of rounding between the runs
+    union = shapely.union_all(runs, grid_size=ground.cell / 1000)
+    merged_runs = shapely.simplify(union, 1.2 * half)
     polygons = []
     for piece in shapely.get_parts(merged_runs):
         if piece.area >= MIN_POLYGON_M2:

@@ -410,6 +410,7 @@ def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[Po
         load = sum(sensor.load_kbit for sensor in pole_sensors) * FRAME_RATE_HZ / KBIT_PER_MBIT
         capacity = pole_sensors[0].capacity_kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
         pole_load = build_load(pole, mean, peak, load, capacity, limited=limited)
+        # per frame
         packets = sum(sensor.packets for sensor in pole_sensors)
         airtime_us = sum(sensor.airtime_us for sensor in pole_sensors)
         loads.append(_add_radio(pole_load, packets=packets, airtime_us=airtime_us))
@@ -482,6 +483,7 @@ def bill_of_rates(
 def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem, ...]:
     """Line for each model and price of sensors, then for each price of poles."""
     models = Counter((sensor.model, sensor.model_price) for sensor in sensors)
+    # number of poles of each price
     poles = Counter[float]()
     earlier_poles: set[str] = set()
     for sensor in sensors:

@@ -363,8 +363,10 @@ class Meter:
         counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
         found_sums = np.bincount(cell, probability, math.prod(shape)).reshape(shape)
         rows = []
+        # groups with objects
         for k in np.flatnonzero(counts.any(axis=1)).tolist():
             object_count = int(counts[k].sum())
+            # share found in each resample of the blocks of frames
             shares = resample_ratio(self._draws, found_sums[k], counts[k])
             recall = float(found_sums[k].sum() / object_count)
             interval = figure_interval(
@@ -435,8 +437,10 @@ def list_problems(objective: Objective) -> tuple[str, ...]:
         if count > mount.max_sensors:
             problems.append(f"{mount.name} carries more sensors than it may")
     if (loads := objective.shared_links) is not None:
+        # kbit per frame
         load_sums = candidates.per_mount(all_sensors, loads)[0]
         for mount, load, count in zip(candidates.mounts, load_sums, sensor_counts, strict=True):
+            # one sensor that sends too much has a sentence above
             if count > 1 and load > max_load(mount.capacity):
                 problems.append(
                     f"the sensors on {mount.name} together send more than its link carries"

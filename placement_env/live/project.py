@@ -120,6 +120,7 @@ class ProjectFile:
             f"{json.dumps(name)}: {_format_variant(variant)}"
             for name, variant in planner.variants.items()
         )
+        # the latest steps that can be undone: name of a variant, and the variant before the step
         past = ", ".join(
             f"[{json.dumps(name)}, {_format_variant(variant)}]"
             for name, variant in planner.past_steps[-MAX_SAVED_STEPS:]
@@ -156,6 +157,7 @@ class ProjectFile:
                 f"it is of another site, or another version of {project.value.get('site')!r:.60}"
             )
         variants = project.node("variants")
+        # steps that can be undone, the latest last
         past = project.get("past", list)
         if not 0 < len(variants.value) <= MAX_VARIANTS:
             raise ValueError(f"it needs 1 to {MAX_VARIANTS} variants, and past steps")
@@ -210,7 +212,7 @@ class ProjectFile:
         if "scheme" in question.value:
             changes["scheme"] = question.get("scheme", str)
         if "most_price" in question.value:
-            has_limit = question.value["most_price"] is not None
+            has_limit = question.value["most_price"] is not None  # JSON has no infinity
             changes["most_price"] = question.number("most_price", low=0) if has_limit else math.inf
         self.planner.ask(**changes)
 

@@ -63,7 +63,7 @@ class SeenMaps:
         self._bits_by_eye = Bounded()  # result of `_visible_frames` by position of the eye
 
     def draw(self, sensors: Iterable[Sensor]) -> SeenMap:
-        """Map of the share of frames in which any of the sensors sees each cell."""
+        """Map of the share of frames in which any sensor sees each cell; NaN in buildings."""
         # a number for each open cell, whose bit k is 1 if it is seen in the k-th frame of the map
         seen_bits = np.zeros(len(self._targets), np.uint64)
         for sensor in sensors:

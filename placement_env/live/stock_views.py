@@ -49,7 +49,7 @@ class StockViews:
         # indices of poses in the stock, and their view
         self._viewed_groups: list[tuple[Int64[np.ndarray, " k"], Visibility]] = []
         self.known = 0
-        # each pose's height, as a step of the stock's axes
+        # each pose's height, as an index in the stock's heights (column 1 of its factors)
         height_steps = self._stock.factors[:, 1]
         middle_step = len(self._stock.axes.heights) // 2
         xmin, ymin, xmax, ymax = preparation.setting.place.area.tolist()

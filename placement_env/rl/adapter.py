@@ -156,14 +156,17 @@ class SB3VecEnv(VecEnv):
             self._rotations[is_new] = rotations(self._rng, int(is_new.sum()))
 
     def _rotate(self, observations: np.ndarray) -> np.ndarray:
-        """Copy of observations with each junction rotated; the observations without `augment`."""
+        """Copy of observations (episodes, values), with each junction rotated by its row's angle.
+
+        Without `augment` the observations themselves come back."""
         if not self._augment:
             return observations
         rotated = observations.copy()
         slots = self.vector.task.state.slots
         # a view of `rotated` with the axes episode, feature, slot
         features = rotated[:, : -len(GLOBAL)].reshape(self.num_envs, -1, slots)
-        for first in (X_FEATURE, HEADING_FEATURE):  # x and y, cosine and sine of the heading
+        # pairs of features that rotate: x and y, then cosine and sine of the heading
+        for first in (X_FEATURE, HEADING_FEATURE):
             features[:, first : first + 2] = self._rotations @ features[:, first : first + 2]
         return rotated
 

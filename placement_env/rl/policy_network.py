@@ -27,7 +27,8 @@ class CandidateNetwork(nn.Module):
     def __init__(self, slots: int, width: int) -> None:
         """Make the layers. slots: candidates of an observation; width: units of each layer."""
         super().__init__()
-        # Stable-Baselines3 requires these two names: number of actions, and of value features
+        # Stable-Baselines3 requires these two names: number of actions (each candidate, or to
+        # stop), and of value features
         self.latent_dim_pi = slots + 1
         self.latent_dim_vf = width
         # first layer, from the features of one candidate and the global features

@@ -343,7 +343,7 @@ def rollout(
 
 
 def _read_score(info: Info) -> Score:
-    """Score of the set after a step of an environment, from the info of the step."""
+    """Score of the set of sensors after a step of an environment, from the info of the step."""
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
     # some environments give a row of booleans, others indices

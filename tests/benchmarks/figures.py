@@ -24,6 +24,7 @@ from typing import Any
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES = DOCS / "figures.json"
 PAGE = DOCS / "figures.md"
+SITE_TITLES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 
 Table = dict[str, Any]
 Row = dict[str, Any]

@@ -30,6 +30,14 @@ def test_solids_are_closed_and_wound_outwards(mesh, expected):
     )
 
 
+@pytest.mark.parametrize(
+    ("end", "extent"), [((1, 0, 0), (1, 2, 1)), ((0, 0, 1), (1, 2, 1)), ((0, 1, 0), (1, 1, 2))]
+)
+def test_a_flat_bar_is_broad_along_y_or_else_along_z(end, extent):
+    bar = tube([(0, 0, 0), end], 0.5, flat=2.0)
+    np.testing.assert_allclose(np.ptp(bar.vertices, axis=0), extent)
+
+
 def test_triangles_face_up_turn_and_shift():
     ring = shapely.Point(0, 0).buffer(2.0).difference(shapely.Point(0, 0).buffer(1.0))
     a, b, c = np.moveaxis(triangulate(ring).vertices[triangulate(ring).triangles], 1, 0)

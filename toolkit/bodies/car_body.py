@@ -119,8 +119,10 @@ def _narrow_corner(
 
 
 def loft_parts(shape: Proportions) -> Mesh:
-    """Mesh of body and wheels of a car, x forward, wheels on z = 0."""
-    arch_radius = shape.wheel * ARCH_FACTOR / shape.length  # as stations: parts of the length
+    """Mesh of body and wheels of a car, x forward from its middle, wheels on z = 0.
+
+    Stations are parts of the length, from 0 at the front to 1 at the rear."""
+    arch_radius = shape.wheel * ARCH_FACTOR / shape.length  # in stations
     arch_stations = [
         axle / shape.length + arch_radius * share
         for axle in shape.axles
@@ -130,14 +132,16 @@ def loft_parts(shape: Proportions) -> Mesh:
     stations = np.unique(np.round(stations, 4))  # sorted, from front to rear
     # axes: section from rear to front, point, xyz
     left = _make_half_sections(shape, stations[::-1])
-    # mirrored and in reverse, without the two points in the middle, to close each ring
+    # mirrored and in reverse, without the two points at y = 0, to close each ring
     right = left[:, -2:0:-1] * [1.0, -1.0, 1.0]
     parts = [loft(np.concatenate([left, right], axis=1))]
     breadth = shape.tyre * shape.width
     wheel = make_wheel(0.0, 0.0, radius=shape.wheel, breadth=breadth)
+    # distance from the front (m)
     for axle in shape.axles:
         (half_width,) = shape.half_width(np.array([axle / shape.length]))
-        outer_side = float(half_width) * 0.985  # y of the wheel's outer side
+        # y of the wheel's outer side, just inside the body
+        outer_side = float(half_width) * 0.985
         left_wheel = place(wheel, x=shape.length / 2 - axle, y=outer_side - breadth / 2)
         parts += [left_wheel, flip_sides(left_wheel)]
     return merge(parts)

@@ -31,11 +31,12 @@ def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
     half_depth = rng.uniform(0.05, 0.11)
     overhang = rng.uniform(0.08, 0.19 + 0.04 * scale)
     stations, tops = shape.profile.T  # parts of the length, and of the height
-    # mirrors are at the first station of the windscreen's upper part
+    # mirrors are 3 % of the length ahead of the first station of the windscreen's upper part
     is_screen = (tops > 0.75) & (stations < 0.6)
     screen_station = float(stations[is_screen][0])
     x = shape.length * (0.5 - screen_station + 0.03)
     z = shape.belt * shape.height + half_height + rng.uniform(-0.03, 0.06)
+    # from 4 cm inside the side of the car to the overhang outside it
     y = shape.width / 2 + overhang / 2 - 0.02
     half_breadth = overhang / 2 + 0.02
     if rng.random() < 0.4:
@@ -138,12 +139,12 @@ def _draw_bed_load(shape: Proportions, bed: Bed, rng: Rng) -> tuple[str, Mesh]:
 def _draw_roof_box(x: float, roof_width: float, z: float, rng: Rng) -> Mesh:
     """Draw a roof box on two bars.
 
-    x: middle of the roof; roof_width: its width; z: its height (all m)."""
+    x: middle of the roof; roof_width: its width; z: height of the roof (all m)."""
     length = rng.uniform(1.3, 2.2)
     width = rng.uniform(0.5, 0.85)
     height = rng.uniform(0.26, 0.42)
     y = float(rng.uniform(-0.5, 0.5)) * max(roof_width - width - 0.2, 0.0)
-    # y and z of a cross-section, as parts of width and height
+    # y and z of a cross-section's six corners, as parts of width and height
     corners = [[-0.5, 0.1], [0.5, 0.1], [0.5, 0.6], [0.4, 1.0], [-0.4, 1.0], [-0.5, 0.6]]
     ring = np.array(corners) * [width, height]
     # place along the box as a part of its length, and share of its height
@@ -152,16 +153,18 @@ def _draw_roof_box(x: float, roof_width: float, z: float, rng: Rng) -> Mesh:
         np.column_stack([np.full(6, x + length * station), y + ring[:, 0], z + ring[:, 1] * share])
         for station, share in sections
     ]
+    # length, width, height (m)
     bar = (0.06, 0.9 * roof_width, 0.05 + 0.1 * height)
     bars = [plank(bar, x=x + side * 0.3 * length, y=0.0, z=z - 0.03) for side in (-1, 1)]
     return merge([loft(np.stack(rings)), *bars])
 
 
 def _draw_rack(x: float, length: float, roof_width: float, z: float, rng: Rng) -> Mesh:
-    """Draw cross bars and, mostly, a ladder on them.
+    """Draw a roof rack: cross bars on feet and, mostly, a ladder on them.
 
     x: middle of the roof; length: length of the rack; roof_width: width of the roof;
-    z: its height (all m)."""
+    z: height of the roof (all m)."""
+    # height of the bars above the roof (m)
     height = float(rng.uniform(0.05, 0.14))
     # sizes: length, width, height (m)
     bar_size = (0.05, 0.9 * roof_width, 0.04)

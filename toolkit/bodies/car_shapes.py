@@ -187,6 +187,7 @@ def _list_cabin_levels(shape: Proportions, chamfer: float) -> list[_Level]:
     """Levels of the cabin: its foot on the lower body, and the roof.
 
     chamfer: breadth of the slanted edges (m)."""
+    # parts of the length from the front, and of the height
     stations, tops = shape.profile.T
     roof_stations = stations[tops >= 0.93]
     foot_stations = stations[tops >= 0.7]

@@ -68,6 +68,7 @@ def _loft_car(row: _CatalogueRow) -> tuple[Mesh, Mesh]:
     if row.has_rails:
         parts += _make_rails(row)
     screen_foot, _ = CAR_PROFILES[row.style][2]  # station of the third corner of the profile
+    # mirrors are 3.5 % of the length behind the foot of the windscreen
     mirror_x = row.length * (0.5 - screen_foot - max(row.rake, 0.0) - 0.035)
     mirror_place = (mirror_x, row.width / 2 + 0.005, row.belt * row.height + 0.04)
     mirror = ellipsoid(mirror_place, radii=(0.09, 0.10, 0.075), rings=3, sides=6)
@@ -77,10 +78,13 @@ def _loft_car(row: _CatalogueRow) -> tuple[Mesh, Mesh]:
 def _make_proportions(row: _CatalogueRow) -> Proportions:
     """Proportions of a car of the catalogue."""
     is_pickup = row.style == "pickup"
-    profile = np.array(CAR_PROFILES[row.style])  # rows of station and height
+    # rows of station, a part of the length from the front, and part of the height
+    profile = np.array(CAR_PROFILES[row.style])
     profile[2:-2, 0] += row.rake  # stations of all but the two first and the two last rows
     share = PICKUP_FRONT_OVERHANG_SHARE if is_pickup else FRONT_OVERHANG_SHARE
+    # from the front to the first axle (m)
     overhang = (row.length - row.wheelbase) * share
+    # what a row does not hold is equal for all cars
     return Proportions(
         kind=row.style,
         length=row.length,

@@ -114,7 +114,9 @@ def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
 
 
 def _make_bus(size: VehicleSize) -> Mesh:
-    """Mesh of a city bus with roof units and rounded ends; windows are set in by 2 cm."""
+    """Mesh of a city bus with roof units and rounded ends; windows are set in by 2 cm.
+
+    x forward from its middle, z = 0 on the ground."""
     front = size.length / 2
     rear = -front
     width = size.width
@@ -134,8 +136,9 @@ def _make_bus(size: VehicleSize) -> Mesh:
     pillars = [place(pillar, x=x) for x in np.arange(rear + 0.8, front - 0.7, 1.45)]
     skirt_size = (size.length - 0.9, outer_width, BELT_M - 0.4)
     skirt = box(skirt_size, centre=(0, 0, (BELT_M + 0.4) / 2 + 0.02))
+    unit_size = (1.8, 1.5, 0.22)
     roof_units = [
-        box((1.8, 1.5, 0.22), centre=(x, 0, height + 0.08)) for x in (-front * 0.5, front * 0.35)
+        box(unit_size, centre=(x, 0, height + 0.08)) for x in (-front * 0.5, front * 0.35)
     ]
     return merge([body, *pillars, skirt, *roof_units])
 

@@ -73,7 +73,7 @@ def draw_heavy(rng: Rng) -> DrawnMesh:
 
 
 def possible_names() -> tuple[str, ...]:
-    """Names that drawn bodies may have: class and kind."""
+    """Names that drawn bodies may have: class and kind, such as "vehicle/van"."""
     cars = [kind.name for kind in CAR_KINDS]
     towing_cars = [f"{car}_with_{trailer}" for car in cars for trailer in TRAILERS]
     trucks = [f"{load}_truck" for load in SUPERSTRUCTURES]

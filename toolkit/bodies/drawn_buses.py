@@ -15,9 +15,12 @@ MAX_MINIBUS_LENGTH_M = 8.0
 
 
 def draw_bus(rng: Rng) -> DrawnMesh:
-    """Draw a minibus, city bus, coach, or bendy bus with its bellows."""
+    """Draw a minibus, city bus, coach, or bendy bus with its bellows.
+
+    x forward from the middle, z = 0 on the ground; lengths in m. A few are double deckers."""
     is_bendy = rng.random() < BENDY_SHARE
     length = _draw_length(is_bendy, rng)
+    # both grow with the length, from the shortest bus of 6.2 m on
     width = float(np.clip(2.05 + 0.085 * (length - 6.2) + rng.normal(0, 0.06), 2.0, 2.58))
     height = float(np.clip(2.65 + 0.1 * (length - 6.2) + rng.uniform(-0.15, 0.5), 2.55, 3.85))
     if rng.random() < DOUBLE_DECKER_SHARE:
@@ -37,6 +40,7 @@ def draw_bus(rng: Rng) -> DrawnMesh:
     rear_overhang = float(rng.uniform(0.22, 0.3)) * min(length, 12.0)
     axles = [front - front_overhang, -front + rear_overhang]
     if is_bendy:
+        # one more, a little ahead of the middle
         axles.append(0.08 * length)
     mirror = _draw_mirror(front, width, bottom + 0.6 * (height - bottom), rng)
     short_kind = "minibus" if length < MAX_MINIBUS_LENGTH_M else "bus"
@@ -65,6 +69,7 @@ def _draw_sections(
     bottom: height of its lower edge; all lengths in m."""
     front = length / 2
     rear = -front
+    # how much lower the roof is at the rear, and how far the windscreen leans back
     roof_radius = float(rng.uniform(0.04, 0.3))
     rake = float(rng.uniform(0.05, 0.5))
     return [  # x, width, bottom and top of each (m)

@@ -68,7 +68,7 @@ def _draw_pram(height: float, rng: Rng) -> Mesh:
 
 def _draw_walker(height: float, rng: Rng) -> Mesh:
     """Draw a person of a height (m) with a wheeled walker."""
-    # x, y (m) of the walker's four legs, which lean towards its seat; each ends on a wheel
+    # x, y (m) of the feet of the walker's four legs, which lean towards its seat; each has a wheel
     feet = [(x, y) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
     legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], radii=0.015, sides=5) for x, y in feet]
     wheels = [make_wheel(x, y, radius=0.09, breadth=0.04, sides=8) for x, y in feet]
@@ -86,7 +86,8 @@ def _draw_adult(height: float, rng: Rng) -> Mesh:
         parts.append(people.skirt(height, float(rng.uniform(0.1, 0.34)), figure.stout))
     elif clothes_chance < 0.28:
         parts.append(people.hat(height))
-    # limits of the chance in increasing order, and the function that makes each burden
+    # `_BURDENS`: limits of the chance in increasing order, and the function that makes each burden;
+    # the first limit above the chance decides
     burden_makers = [make for limit, make in _BURDENS.items() if burden_chance < limit]
     if burden_makers:
         make_burden = burden_makers[0]
@@ -135,7 +136,7 @@ def _mirror_pair(joints: Pair) -> Pair:
 
 
 def _draw_wheelchair(rng: Rng) -> Mesh:
-    """Draw a person seated between two large wheels, sometimes pushed."""
+    """Draw a person in a wheelchair with two large and two small wheels, sometimes pushed."""
     height = float(rng.uniform(1.5, 1.85))  # the person's when standing (m)
     wheel_radius = float(rng.uniform(0.27, 0.31))
     half_width = float(rng.uniform(0.26, 0.31))  # the chair's (m)
@@ -150,10 +151,12 @@ def _draw_wheelchair(rng: Rng) -> Mesh:
         hands=pair(0.14, 0.13, hip + 0.09),
         stout=float(rng.uniform(0.9, 1.2)),
     )
+    # x and y, of the left side
     wheels = [
         make_wheel(-0.08, half_width, radius=wheel_radius, breadth=0.04, sides=14),
         make_wheel(0.38, half_width - 0.05, radius=0.08, breadth=0.04, sides=8),
     ]
+    # seat and back; sizes: length, width, height (m)
     chair = [
         plank((0.42, 1.7 * half_width, 0.06), x=0.0, y=0.0, z=seat - 0.06),
         plank((0.05, 1.7 * half_width, 0.45), x=-0.24, y=0.0, z=seat),

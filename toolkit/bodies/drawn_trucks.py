@@ -53,16 +53,20 @@ class _LoadSpace(NamedTuple):
 
 
 def draw_truck(rng: Rng) -> DrawnMesh:
-    """Draw a rigid truck. x forward, wheels on z = 0."""
+    """Draw a rigid truck. x forward, wheels on z = 0, lengths in m."""
     length = float(rng.uniform(5.2, 11.5))
+    # width and cab grow with the length, from the shortest truck of 5.2 m on
     width = float(np.clip(1.95 + 0.075 * (length - 5.2) + rng.normal(0, 0.1), 1.85, 2.55))
     cab_height = float(np.clip(2.1 + 0.16 * (length - 5.2) + rng.normal(0, 0.2), 2.0, 3.3))
     cab_length = float(rng.uniform(1.5, 2.3))
     cab, mirrors = _draw_cab(
         front=length / 2, width=width, height=cab_height, length=cab_length, rng=rng
     )
+    # between cab and load
     gap = float(rng.uniform(0.05, 0.3))
+    # height of the load's floor
     floor = float(rng.uniform(0.85, 1.2))
+    # x of the load's front
     front = length / 2 - cab_length - gap
     space = _LoadSpace(
         front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
@@ -73,7 +77,9 @@ def draw_truck(rng: Rng) -> DrawnMesh:
 
 
 def draw_semi_trailer(rng: Rng) -> DrawnMesh:
-    """Draw an articulated truck, straight. x forward, wheels on z = 0."""
+    """Draw an articulated truck, its trailer straight behind. x forward, wheels on z = 0.
+
+    Lengths are in m."""
     length = float(rng.uniform(12.5, 17.0))
     width = float(rng.uniform(2.4, 2.58))
     cab_height = float(rng.uniform(2.9, 3.9))
@@ -82,7 +88,9 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
     cab, mirrors = _draw_cab(
         front=length / 2, width=cab_width, height=cab_height, length=cab_length, rng=rng
     )
+    # x of the trailer's front
     front = length / 2 - cab_length - float(rng.uniform(0.5, 1.0))
+    # height of the load's floor
     floor = float(rng.uniform(1.1, 1.3))
     space = _LoadSpace(
         front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
@@ -149,8 +157,8 @@ def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
     space: room for it behind the cab."""
     kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
     deck = plank((space.length, space.width, 0.14), x=space.middle, y=0.0, z=space.floor - 0.02)
-    highest = space.cab_height + rng.uniform(-0.2, 1.0)
-    top = float(np.clip(highest, space.floor + 1.0, MAX_TRUCK_HEIGHT_M))
+    unlimited_top = space.cab_height + rng.uniform(-0.2, 1.0)
+    top = float(np.clip(unlimited_top, space.floor + 1.0, MAX_TRUCK_HEIGHT_M))
     if kind in ("box", "curtain", "container"):
         load = _make_box(space, top, is_container=kind == "container")
     elif kind == "refuse":
@@ -245,6 +253,7 @@ def _draw_chassis(length: float, width: float, floor: float, rng: Rng) -> list[M
     wheel_radius = float(np.clip(usual_radius + rng.uniform(-0.03, 0.03), 0.34, 0.53))
     rear_axle = -length / 2 + float(rng.uniform(0.9, 0.28 * length))
     axles = [length / 2 - float(rng.uniform(1.0, 1.45)), rear_axle]
+    # a long truck has two rear axles
     if length > 8.5:
         axles.append(rear_axle + 2.3 * wheel_radius + 0.2)
     frame = plank((length - 0.8, 0.85, 0.28), x=-0.3, y=0.0, z=floor - 0.3)

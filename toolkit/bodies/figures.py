@@ -98,7 +98,7 @@ def person(figure: Figure, height: float) -> Mesh:
 
 
 def _make_trunk(figure: Figure) -> Mesh:
-    """Mesh of chest and belly, between hip and neck."""
+    """Mesh of chest and belly, between hip and neck, in parts of the person's height."""
     hip = np.array(offset_point(figure.hip, 0.0, 0.0, -0.03))
     spine = np.array(figure.neck) - hip
     rings = []

@@ -140,7 +140,9 @@ def fleet_named(
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
-    """Bodies of the catalogue by class, made once."""
+    """Bodies of the catalogue in the order of their classes, made once.
+
+    Mirrors of cars and trucks count as outside their boxes."""
     bodies = []
     for label, vehicles in ((VEHICLE, cars()), (HEAVY, trucks())):
         for name, (mesh, mirrors) in vehicles.items():

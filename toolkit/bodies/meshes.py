@@ -101,11 +101,12 @@ def measure_shape(mesh: Mesh) -> Shape:
     unit_points = np.clip((points - low) / size, 0, 1 - 1e-9)
     x, y, z = unit_points.T
     cells = (unit_points * _CELLS).astype(np.int64)
+    # share of the bounds' rectangle that the outline fills, seen along x, y and z
     fills = [_fill_outline(np.delete(cells, axis, axis=1)).mean() for axis in range(3)]
     # points in the lowest 4 % of the height touch the ground
     ground_points = points[z < 0.04]
     stance_length, stance_width = np.ptp(ground_points[:, :2], axis=0).tolist()
-    # heights of points near the middle of length and width
+    # heights (parts of the mesh's height) of points near the middle of length and width
     middle_z = z[(np.abs(x - 0.5) < 0.1) & (np.abs(y - 0.5) < 0.25)]
     # highest point in each of 24 slices along the length: the first 8 are the rear third, the last
     # 8 the front third
@@ -206,7 +207,8 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
     # triangle of each point, at even steps of the summed area
     steps = (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()
     triangle = np.searchsorted(np.cumsum(areas), steps).clip(max=len(a) - 1)
-    u, v = rng.random((2, _POINTS, 1))  # parts of both sides that start at a
+    # parts of both sides that start at corner a
+    u, v = rng.random((2, _POINTS, 1))
     # reflect points of the parallelogram into the triangle
     is_beyond = u + v > 1
     u = np.where(is_beyond, 1 - u, u)
@@ -268,11 +270,13 @@ def _measure_asymmetry(unit_points: Float64[np.ndarray, "n 3"]) -> Float64[np.nd
     # cells that are occupied, or have an occupied neighbour
     is_near = np.zeros_like(is_occupied)
     inner = slice(1, -1)
+    # 1: no shift along an axis
     for shift in np.ndindex(3, 3, 3):
         shifted_cells = tuple(slice(start, start + _COARSE) for start in shift)
         is_near[inner, inner, inner] |= is_occupied[shifted_cells]
     shares = []
     for axis in range(3):
+        # True for the mirrored coordinate
         is_axis = np.eye(3, dtype=bool)[axis]
         mirrored_points = np.where(is_axis, 1 - 1e-9 - unit_points, unit_points)
         mirrored_cells = (mirrored_points * _COARSE).astype(np.int64)

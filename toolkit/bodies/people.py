@@ -116,7 +116,8 @@ def _list_pedestrians() -> dict[str, _Pedestrian]:
 
     Each has a figure, a height (m) and, if any, a function of the height that makes the mesh of
     clothes or a burden."""
-    # joints are x, y, z in parts of the height, left and right
+    # joints are x, y, z in parts of the height, left and right; `striding` takes the distance
+    # between the ankles, in parts of the height too
     telephoning = phone(Figure())
     pushing = push(striding(0.22))
     elbows = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68))

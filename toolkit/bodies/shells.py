@@ -47,6 +47,7 @@ def _round_section(section: ShellSection, radius: float, points: int) -> Float64
     y = section.width / 2 - radius
     low = section.bottom + radius
     high = section.top - radius
+    # in the order of the angle: upper left, upper right, lower right, lower left
     middles = ((y, high), (-y, high), (-y, low), (y, low))
     quarter = np.linspace(0, np.pi / 2, points)
     arcs = []

@@ -25,6 +25,7 @@ def draw_trailer(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     width = float(rng.uniform(*widths))
     drawbar_length = float(rng.uniform(0.8, 1.4))
     floor = float(rng.uniform(0.4, 0.6))
+    # x of the trailer's front
     front = -shape.length / 2 - drawbar_length
     wheel_radius = float(rng.uniform(0.24, 0.33))
     drawbar = tube(
@@ -48,6 +49,7 @@ def _draw_open_trailer(
     floor: height of its floor (m); other lengths in m too."""
     middle = front - length / 2
     wall_height = float(rng.uniform(0.3, 0.6))
+    # sizes: length, width, height
     side_wall = (length, 0.05, wall_height)
     end_wall = (0.05, width, wall_height)
     parts = [plank((length, width, 0.06), x=middle, y=0.0, z=floor)]

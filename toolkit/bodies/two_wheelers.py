@@ -151,6 +151,7 @@ def bicycle(radius: float) -> Mesh:
     seat = (-0.2, 0.0, 0.88)
     head = (0.36, 0.0, 0.82)
     stem = (0.40, 0.0, 1.0)
+    # both ends of each tube; the fifth ends below the seat
     frame = [
         (crank, seat),
         (crank, head),
@@ -207,7 +208,9 @@ def motorcycle(fairing: bool = False) -> Mesh:
 
 
 def scooter() -> Mesh:
-    """Mesh of a motor scooter with mirrors on its handlebar, x forward, wheels on z = 0."""
+    """Mesh of a motor scooter with mirrors on its handlebar, x forward, wheels on z = 0.
+
+    Points are x, y, z, all lengths in m."""
     rear_wheel = make_wheel(-0.58, 0.0, radius=0.24, breadth=0.13)
     front_wheel = make_wheel(0.60, 0.0, radius=0.24, breadth=0.11)
     seat = ellipsoid((-0.50, 0.0, 0.58), radii=(0.46, 0.18, 0.19))

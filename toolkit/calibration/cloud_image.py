@@ -55,10 +55,11 @@ class CloudImage:
 def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
     """Return a cloud as an image in its sensor's grid.
 
-    Points are in the row of their laser if both name lasers, else in the nearest row if that is
-    near enough. The nearest point of each cell is shown."""
+    Points are in the row of their laser if cloud and grid both name lasers, else in the nearest row
+    if that is near enough. The nearest point of each cell is shown. Ranges are in m, 0 for a cell
+    without a point."""
     model = grid.model
-    elevation, azimuth, distance = compute_angles(cloud.in_sensor())
+    elevation, azimuth, distance = compute_angles(cloud.in_sensor())  # rad, rad, m
     if grid.rings and cloud.ring is not None:
         row, in_rows = _find_laser_rows(cloud.ring, grid.rings)
     else:
@@ -68,6 +69,7 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
     column_width = model.azimuth_fov / model.columns
     unbounded_column = np.floor(offset / column_width + model.columns / 2).astype(np.int64)
     column = np.clip(unbounded_column, 0, model.columns - 1)
+    # all around, a column beyond the last is only a matter of rounding
     in_columns = (unbounded_column == column) | (model.azimuth_fov >= 2 * np.pi)
     ranges = distance.astype(np.float32)
     inside = in_rows & in_columns & (ranges > 0) & (ranges < model.max_range)

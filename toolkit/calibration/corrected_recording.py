@@ -51,7 +51,8 @@ class Corrected(RecordingView):
         sensors = []
         measurements = []
         for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
-            correction = self.corrections.get(sensor.name)  # believed_SE3_found
+            # believed_SE3_found: takes points from the found sensor frame to the believed one
+            correction = self.corrections.get(sensor.name)
             if correction is None:
                 sensors.append(sensor)
                 measurements.append(measurement)

@@ -72,11 +72,9 @@ class FoundPose:
         move_text = f"moved by {self.distance * 100:.1f} cm (± {move_deviation * 100:.1f} cm)"
         text = f"{self.sensor.name}: {turn_text}, {move_text}"
         unobserved_text = "; ".join(map(describe_motion, self.registration.unobserved))
-        return (
-            f"{text}; not observed, so left as believed: {unobserved_text}"
-            if unobserved_text
-            else text
-        )
+        if unobserved_text:
+            return f"{text}; not observed, so left as believed: {unobserved_text}"
+        return text
 
     def as_dict(self) -> dict[str, object]:
         """Return the pose and its figures as plain values for files (degrees, metres, world axes).

@@ -63,9 +63,10 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
 
 
 def _draw_planes(candidates: _Cells, rng: Rng) -> Float64[np.ndarray, "k 3"]:
-    """Planes (a, b, c) through random triples of cells, and the level plane at their median height.
+    """Planes z = a x + b y + c through random triples of cells, and a level one at their median.
 
-    Triples that are nearly on a line, seen from above, are left out."""
+    Rows are a, b and c; the level plane is the last. Triples that are nearly on a line, seen from
+    above, are left out. candidates: cells (x, y, z in m) that may be ground."""
     # (hypotheses, 3 cells, xyz)
     triples = candidates[rng.integers(len(candidates), size=(_HYPOTHESES, 3))]
     first_edge = triples[:, 1] - triples[:, 0]

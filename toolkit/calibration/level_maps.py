@@ -231,7 +231,7 @@ def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightM
 def _draw_plane(
     grid: HeightMap, cells: Float64[np.ndarray, "n 3"]
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Heights (m) of the plane fitted to cells, at the places of a map.
+    """Heights (m) of the plane fitted to cells, at the places of a map (rows along x).
 
     grid: map whose places count; cells: low points (x, y, z in m)."""
     middle = cells[:, :2].mean(axis=0)

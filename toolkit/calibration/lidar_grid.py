@@ -198,8 +198,8 @@ def _find_ring_rows(
 def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"] | None:
     """Elevations (rad) of rows at which points crowd, top first; None if they do not crowd.
 
-    elevation: elevations of all points (rad). Peaks of their histogram are tried as rows, with ever
-    wider smoothing."""
+    elevation: elevations of all points (rad). The peaks of their histogram are tried as rows, with
+    wider smoothing each time, until most points are near a row."""
     from scipy.ndimage import gaussian_filter1d
 
     # histogram with 100 empty bins at either end, so that smoothing leaves the ends free
@@ -208,6 +208,7 @@ def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarr
     counts = np.concatenate([counts, np.zeros(100, np.int64)]).astype(np.float64)
     for deviation_bins in _SMOOTHING_BINS:
         smooth_counts = gaussian_filter1d(counts, deviation_bins)
+        # a level top counts once, by its first bin
         rises = smooth_counts[1:-1] > smooth_counts[:-2]
         falls = smooth_counts[1:-1] >= smooth_counts[2:]
         peaks = np.flatnonzero(rises & falls) + 1
@@ -287,6 +288,7 @@ def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
     # the nearest place is the point itself, the second nearest its neighbour
     distances, _ = cKDTree(places).query(places[sample], k=2)
     low, median, high = np.quantile(distances[:, 1], [0.1, 0.5, 0.9]).tolist()
+    # distances in a regular pattern are nearly equal
     is_random = high > _MIN_RANDOM_RATIO * max(low, 1e-9)
     step = float(max(median * (2 if is_random else 1), _MIN_STEP_RAD))
     top = float(max(cloud_angles.elevation.max() for cloud_angles in angles))
@@ -315,7 +317,9 @@ def _find_columns(azimuth: Float64[np.ndarray, " n"], step: float) -> _Columns:
 
 
 def _find_span(azimuth: Float64[np.ndarray, " n"]) -> tuple[float, float | None]:
-    """Middle and width of the observed azimuths (rad), 0 and None if they are all around."""
+    """Middle and width of the observed azimuths (rad), 0 and None if they are all around.
+
+    azimuth: from -pi to pi. The span is what the widest gap between neighbours leaves."""
     ordered_azimuth = np.sort(azimuth)
     # the last gap goes across -pi and pi
     gaps = np.diff(ordered_azimuth, append=ordered_azimuth[0] + 2 * np.pi)

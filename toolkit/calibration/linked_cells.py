@@ -69,7 +69,7 @@ class CellPoints(NamedTuple):
         # Heights are mm from 0 to 200,000 and a square's step is larger (300,000), so that one
         # number sorts by square, then by height.
         height_mm = np.round((kept_points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)
-        order = np.argsort(square_key * round(3000 * MAX_HEIGHT_M) + height_mm)
+        order = np.argsort(square_key * round(3000 * MAX_HEIGHT_M) + height_mm)  # 300,000
         first = np.flatnonzero(np.diff(square_key[order], prepend=-1))  # each square's lowest point
         count = np.diff(np.append(first, len(order)))
         return CellPoints(
@@ -110,7 +110,8 @@ class LinkedCells:
     def from_cells(cells: Float64[np.ndarray, "n 3"]) -> "LinkedCells":
         """Link each cell with the near ones at about its height.
 
-        cells: low points (x, y, z in m) of a grid's squares."""
+        cells: low points (x, y, z in m) of a grid's squares. A step of height that still links
+        grows with the distance."""
         from scipy.spatial import cKDTree
 
         xy = cells[:, :2]
@@ -144,6 +145,7 @@ class LinkedCells:
         cell, column = np.nonzero(self.is_linked & are_members & is_same_side)
         # sparse matrix of the links: values, then rows and columns
         links = (np.ones(len(cell), bool), (cell, self.neighbours[cell, column]))
+        # group of each cell; a cell without links is a group of one
         _, group = connected_components(coo_array(links, (len(above), len(above))))
         # a group needs enough cells that are clearly off the main ground
         is_core = is_member & (np.abs(above) > OFF_M)

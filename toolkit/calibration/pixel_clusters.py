@@ -167,8 +167,10 @@ def _measure_mode(
 
     numbers: index of each pixel's cluster, -1 for none; such pixels get a median of NaN and zeros.
     Returns flat images, one value for each pixel."""
-    n = clusters.values.shape[1]
+    n = clusters.values.shape[1]  # frames
+    # consecutive and ascending within a cluster
     values = clusters.solid.ravel()
+    # a number of -1 reads the last cluster; its figures are replaced at the end
     start = clusters.starts[numbers]
     end = clusters.ends[numbers]
     size = end - start

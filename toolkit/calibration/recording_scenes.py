@@ -105,7 +105,9 @@ class Scenes:
 
     @cached_property
     def every(self) -> dict[str, LearntScene]:
-        """Scenes of all sensors, by name, learnt on the first call."""
+        """Scenes of all sensors, by name, learnt on the first call unless they were given.
+
+        A recording without images is learnt from its clouds."""
         self.used = True
         if self.given is not None:
             return {scene.name: _wrap_scene(scene) for scene in self.given}

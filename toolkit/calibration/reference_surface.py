@@ -90,6 +90,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     # normal of each triangle, twice its area long
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double_area = np.linalg.norm(normals, axis=1)
+    # corners x, y (m) of the area and its surroundings
     low = site.area[:2] - OUTSKIRTS_M
     high = site.area[2:] + OUTSKIRTS_M
     middle = corners.mean(axis=1)[:, :2]

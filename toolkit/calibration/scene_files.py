@@ -13,7 +13,10 @@ from toolkit.sensors.models import make_model
 
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
-    """Write empty scenes as one .npz file with a checksum."""
+    """Write empty scenes as one .npz file with a checksum.
+
+    It holds JSON with name, model and number of frames of each scene ("scenes"), and the images of
+    scene k as "k_NAME"."""
     heads = []
     arrays = {}
     for k, scene in enumerate(scenes):

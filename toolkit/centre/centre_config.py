@@ -2,8 +2,9 @@
 
 coview_run = 1                  # version of this format
 detector = "general"            # as in coview detect
-detect_every = 2                # in every second frame; as often as it can when left out
+detect_every = 2                # in every second frame; 1 when left out
 parallel = 2                    # frames in which it detects at the same time; 1 when left out
+deadline_s = 0.1                # from a frame's last point; 10 to wait for its detection
 
 [[input]]                       # one recording or junction, or several lidars
 kind = "recording"              # replayed at its pace
@@ -65,6 +66,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from toolkit.calibration.place import LEVELS, Level, Place
+from toolkit.centre.detection_pool import DEADLINE_S
 from toolkit.centre.health import HEALTH_EVERY_S
 from toolkit.centre.pace import MAX_EVERY
 from toolkit.centre.sensor_message import SensorSetup
@@ -79,12 +81,13 @@ from toolkit.runtime.text_values import parse_toml
 CONFIG_VERSION = 1
 PIECE_S = 60.0
 MAX_PARALLEL = 16
+MAX_DEADLINE_S = 10.0  # frames that wait are in memory
 _MAX_ROWS = 64  # inputs or sensors
 _MAX_SPEED = 1000.0
 _MAX_S = 1e7
 InputKind = Literal["recording", "junction", "velodyne", "ouster"]
 _TABLES = ("input", "replay", "sensor", "place", "output", "page", "health")
-_KEYS = ("coview_run", "detector", "detect_every", "parallel", *_TABLES)
+_KEYS = ("coview_run", "detector", "detect_every", "parallel", "deadline_s", *_TABLES)
 _OUTPUT_KEYS = ("folder", "to", "piece_s", "origin", "asn1", "clouds")
 _INPUT_KEYS: dict[str, tuple[str, ...]] = {
     "recording": ("path", "layout", "poses", "errors", "site"),
@@ -158,8 +161,9 @@ class CentreConfig:
     Attributes:
         inputs: Sources of messages.
         detector: Name of the detector, with its suffixes.
-        detect_every: 2 to detect in every second frame, and so on; None for as often as it can.
+        detect_every: 2 to detect in every second frame, and so on.
         parallel: Number of frames in which it detects at the same time.
+        deadline_s: Longest wait for detections, from a frame's last point (s).
         setups: Poses and clock offsets by sensor.
         backgrounds: Files of empty scenes by sensor.
         place: Area and ground.
@@ -173,8 +177,9 @@ class CentreConfig:
 
     inputs: tuple[InputConfig, ...]
     detector: str = "general"
-    detect_every: int | None = None
+    detect_every: int = 1
     parallel: int = 1
+    deadline_s: float = DEADLINE_S
     setups: dict[str, SensorSetup] = field(default_factory=dict)
     backgrounds: dict[str, Path] = field(default_factory=dict)
     place: Place = field(default_factory=lambda: Place(still=True))
@@ -213,8 +218,9 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
     return CentreConfig(
         inputs,
         detector=_take(document, "detector", str, "general"),
-        detect_every=_take_whole(document, "detect_every", MAX_EVERY),
-        parallel=_take_whole(document, "parallel", MAX_PARALLEL) or 1,
+        detect_every=_take_count(document, "detect_every", MAX_EVERY),
+        parallel=_take_count(document, "parallel", MAX_PARALLEL),
+        deadline_s=_take_number(document, "deadline_s", DEADLINE_S, (0.0, MAX_DEADLINE_S)),
         setups={name: _parse_setup(row) for name, row in sensors.items()},
         backgrounds={
             name: folder / row.get("background", str)
@@ -354,9 +360,9 @@ def _take(row: JsonObject, key: str, kind: type, default: Any) -> Any:
     return row.get(key, kind) if key in row.value else default
 
 
-def _take_whole(row: JsonObject, key: str, maximum: int) -> int | None:
-    """Return a whole number from 1 to a maximum, None if it is missing."""
-    return row.whole(key, low=1, high=maximum) if key in row.value else None
+def _take_count(row: JsonObject, key: str, maximum: int) -> int:
+    """Return a whole number from 1 to a maximum, 1 if it is missing."""
+    return row.whole(key, low=1, high=maximum) if key in row.value else 1
 
 
 def _take_number(row: JsonObject, key: str, default: Any, limits: tuple[float, float]) -> Any:

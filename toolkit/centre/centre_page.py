@@ -145,6 +145,8 @@ def describe_centre_frame(frame: CentreFrame, sensors: tuple[str, ...]) -> str:
     """Describe a frame, its times and the state of each sensor, in Markdown."""
     lines = [f"{frame.frame.time:.1f} s: {len(frame.tracks)} road users"]
     lines.append(f"{frame.latency_ms:.0f} ms from the last point to the tracks")
+    if frame.detections is None and frame.detection_age_s is not None:
+        lines.append(f"predicted from detections {1e3 * frame.detection_age_s:.0f} ms before")
     for name in sensors:
         fault = frame.faults.get(name)
         lines.append(f"{escape_markdown(name)}: {fault.value if fault else 'works'}")

@@ -10,7 +10,7 @@ from typing import Any
 
 from toolkit.calibration.recording_scenes import LearntScene
 from toolkit.centre.centre_config import OutputConfig
-from toolkit.centre.detection_pool import Detection
+from toolkit.centre.detection_pool import Detection, DetectionPool
 from toolkit.centre.health import HealthLog
 from toolkit.centre.input_process import read_in_process
 from toolkit.centre.input_pumps import InputPumps, Reader
@@ -110,7 +110,7 @@ def run_centre(
         stop: Ends the run after the frame that it works on.
         seconds: Longest time of the sensors that it runs, None for no limit.
         show: Called with each frame.
-        report: Called with each fault that begins or ends, and when the rate of detection changes.
+        report: Called with each fault that begins or ends, and when the centre is too slow.
 
     Returns the figures of the run. Raises the errors of inputs, detector and writers, after the
     files are complete."""
@@ -126,6 +126,8 @@ def run_centre(
         stack.callback(pumps.stop)
         stack.callback(stop.set)
         warm_up(parts)
+        pool = DetectionPool(parts.detection, queue.wake)
+        stack.callback(pool.close)
         clock = pumps.start()
         start_s = clock.now()
         watch = parts.make_watch(sensors, start_s, turn_process)
@@ -144,7 +146,7 @@ def run_centre(
 
         centre = RunningCentre(
             sensors,
-            parts.detection,
+            pool,
             synchroniser=parts.make_synchroniser(),
             watch=watch,
             clock=clock,

@@ -1,8 +1,9 @@
 """`HealthLog`: state of a running centre, a line of JSON every few seconds.
 
 A line holds the time, the numbers of frames and of what was left out since the start, among it
-frames that were dropped and frames with predicted tracks, the present faults, and median, p95 and
-p99 of latency and stages since the line before. Lines are flushed one by one, so that a killed
+frames that were dropped, frames with predicted tracks, and detections that came after their frame
+was out, the present faults, and median, p95 and p99 of latency, stages, and age of the newest
+detections behind the tracks since the line before. Lines are flushed one by one, so that a killed
 process leaves all but the line it was writing."""
 
 import json
@@ -18,6 +19,7 @@ from toolkit.centre.sensor_watch import FaultEvent
 from toolkit.runtime.stage_times import StageTimes
 
 LATENCY = "latency"
+DETECTION_AGE = "detection_age"
 HEALTH_EVERY_S = 10.0
 _STATUS_FILE = Path("/proc/self/statm")
 _BYTES_PER_MB = 1e6
@@ -32,7 +34,7 @@ class HealthLog:
 
     Attributes:
         frames: Number of frames so far.
-        times: Latency and stages of the newest frames.
+        times: Latency, stages and age of detections of the newest frames.
         fault_counts: Numbers of faults that began, by sensor and fault.
     """
 
@@ -54,11 +56,16 @@ class HealthLog:
             self._file = path.open("a", encoding="utf-8", buffering=1)
 
     def add(self, frame: CentreFrame) -> None:
-        """Add the times of a frame."""
+        """Add the times of a frame, and of the late detections that came with it."""
         self.frames += 1
         for times in (self.times, self._recent):
             times.add(LATENCY, frame.latency_ms)
             times.add_all(frame.stage_ms)
+            if frame.detection_age_s is not None:
+                times.add(DETECTION_AGE, 1e3 * frame.detection_age_s)
+            for result in frame.late_detections:
+                times.add("level", result.stand.ms)
+                times.add("detect", result.detect_ms)
 
     def add_event(self, event: CentreEvent) -> None:
         """Count a fault that began."""

@@ -19,8 +19,11 @@ class MessageSource(Protocol):
     def take(self, wait_s: float) -> list[SensorMessage] | None:
         """Return the messages that arrive within `wait_s` seconds, None after the last one."""
 
+    def rest(self, wait_s: float) -> None:
+        """Return after some seconds, sooner if woken. For the time after the last message."""
+
     def wake(self) -> None:
-        """End the wait of `take`, from another thread."""
+        """End the wait of `take` or `rest`, from another thread."""
 
 
 class MessageQueue:
@@ -66,10 +69,17 @@ class MessageQueue:
             self._changed.notify()
 
     def wake(self) -> None:
-        """Let a `take` that waits, or else the next one, return without a wait."""
+        """Let a `take` or `rest` that waits, or else the next one, return without a wait."""
         with self._changed:
             self._is_woken = True
             self._changed.notify()
+
+    def rest(self, wait_s: float) -> None:
+        """Wait for some seconds, at most until `wake` is called."""
+        with self._changed:
+            if not self._is_woken:
+                self._changed.wait(wait_s)
+            self._is_woken = False
 
     def take(self, wait_s: float) -> list[SensorMessage] | None:
         """Return all waiting messages, after a wait of at most `wait_s` for the first one.

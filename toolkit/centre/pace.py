@@ -1,8 +1,8 @@
-"""`PaceKeeper`: how often a centre detects, so that it keeps pace with its sensors.
+"""Pace of a centre: whether detection and inputs are as fast as the sensors.
 
-If detection takes longer than there is time between two frames, frames queue and are dropped. A
-centre then detects in every second frame only, or every third, and predicts the tracks in the
-frames between, which takes a few milliseconds. The rate may also be fixed."""
+If detection takes longer than there is time between the frames in which it is due, it takes place
+in fewer frames, and the tracks of the others are predicted. `PaceWatch` notices when that begins
+and ends."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -10,54 +10,45 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_EVERY = 10
-MAX_LOAD = 0.9  # median work of a frame, as a share of the time that there is for it
-MAX_SPARE_LOAD = 0.75  # such a share in 95 % of the frames at which it detects more often again
-WORK_FRAMES = 20  # frames with detection whose work counts
+MAX_SPARE_LOAD = 0.9  # median work, as a share of the time for it, from which it keeps pace again
+WORK_FRAMES = 20  # newest frames whose work counts
 
 
 @dataclass(frozen=True)
 class PaceEvent:
-    """Change of how often a centre detects, or that it cannot keep the rate that was set.
+    """Beginning or end of a time in which detection does not keep pace.
 
     Attributes:
         time_s: Time at which it was noticed (s).
-        detect_every: Detection takes place in every frame (1), every second one (2), and so on.
-        needed_every: The smallest such number that it can keep.
-        work_ms: Median milliseconds of work on a frame with detection.
-        interval_ms: Milliseconds from a frame to the next.
+        is_slow: True if it does not keep pace.
+        work_ms: Median milliseconds of detection per frame.
+        due_ms: Milliseconds from a frame in which it is due to the next.
     """
 
     time_s: float
-    detect_every: int
-    needed_every: int
+    is_slow: bool
     work_ms: float
-    interval_ms: float
+    due_ms: float
 
     def as_dict(self) -> dict[str, object]:
         """Return the event as plain values."""
         return {
             "time_s": round(self.time_s, 3),
-            "detect_every": self.detect_every,
-            "needed_every": self.needed_every,
+            "is_slow": self.is_slow,
             "work_ms": round(self.work_ms, 1),
-            "interval_ms": round(self.interval_ms, 1),
+            "due_ms": round(self.due_ms, 1),
         }
 
     def __str__(self) -> str:
-        """The change with its reason and remedy, in a line."""
-        times = (
-            f"{self.time_s:.2f} s: a frame takes {self.work_ms:.0f} ms, and the next comes after "
-            f"{self.interval_ms:.0f} ms"
+        """The change with its reason, in a line."""
+        effect = (
+            "some frames are not detected, their tracks are predicted"
+            if self.is_slow
+            else "no frame is left out any more"
         )
-        if self.needed_every > self.detect_every:
-            return (
-                f"{times}, so some will be dropped: set detect_every = {self.needed_every} in the "
-                "configuration, or leave it out"
-            )
-        if self.detect_every == 1:
-            return f"{times}: every frame is detected again"
         return (
-            f"{times}: one frame in {self.detect_every} is detected, tracks are predicted between"
+            f"{self.time_s:.2f} s: detection takes {self.work_ms:.0f} ms a frame and is due every "
+            f"{self.due_ms:.0f} ms: {effect}"
         )
 
 
@@ -85,90 +76,35 @@ class LagEvent:
         )
 
 
-class PaceKeeper:
-    """Choice of the frames in which a centre detects.
+class PaceWatch:
+    """Watch over the time that detection takes.
 
     Args:
-        interval_s: Time from a frame to the next (s).
-        detect_every: 1 for detection in every frame, 2 in every second one; None to choose it.
-        parallel: Number of frames in which a centre detects at the same time.
-
-    Attributes:
-        detect_every: The present number.
+        due_ms: Milliseconds from a frame in which detection is due to the next.
+        parallel: Number of frames in which detection takes place at the same time.
     """
 
-    def __init__(
-        self, interval_s: float, detect_every: int | None = None, *, parallel: int = 1
-    ) -> None:
-        """Begin with a detection in every frame, or at the fixed rate.
+    def __init__(self, due_ms: float, parallel: int = 1) -> None:
+        """Begin without detections.
 
-        interval_s: time between frames (s); detect_every: k for every k-th frame, None to choose
-        it; parallel: frames in which the centre detects at the same time."""
-        self.detect_every = 1 if detect_every is None else detect_every
-        self._is_fixed = detect_every is not None
-        self._interval_s = interval_s
+        due_ms: from a frame in which detection is due to the next (ms); parallel: frames in which
+        it takes place at the same time."""
+        self._due_ms = due_ms
         self._parallel = parallel
-        self._works_s: deque[float] = deque(maxlen=WORK_FRAMES)
-        self._frames_to_wait = 0  # before the next detection
-        self._is_overloaded = False  # at a fixed rate
+        self._works_ms: deque[float] = deque(maxlen=WORK_FRAMES)
+        self._is_slow = False
 
-    def is_due(self) -> bool:
-        """Count a frame, and return True if detection is due in it."""
-        if self._frames_to_wait:
-            self._frames_to_wait -= 1
-            return False
-        self._frames_to_wait = self.detect_every - 1
-        return True
+    def add_work(self, work_ms: float, time_s: float) -> PaceEvent | None:
+        """Take the time of a detection (ms); return an event if it begins or ends to be too slow.
 
-    def add_work(self, work_s: float, time_s: float) -> PaceEvent | None:
-        """Take the time of work on a frame with detection (s); return what it changes, if anything.
-
-        "Every k" below means to detect in every k-th frame. time_s: present time (s)."""
-        self._works_s.append(work_s)
-        if len(self._works_s) < WORK_FRAMES:
+        time_s: present time (s)."""
+        self._works_ms.append(work_ms / self._parallel)
+        if len(self._works_ms) < WORK_FRAMES:
             return None
-        median_s = float(np.median(self._works_s))
-        needed_every = self._find_every(median_s, MAX_LOAD)
-        slow_s = float(np.percentile(self._works_s, 95))
-        spare_every = self._find_every(slow_s, MAX_SPARE_LOAD)
-        if self._is_fixed:
-            return self._report_overload(time_s, median_s, needed_every, spare_every)
-        if needed_every <= self.detect_every <= spare_every:
+        median_ms = float(np.median(self._works_ms))
+        max_load = MAX_SPARE_LOAD if self._is_slow else 1.0
+        is_slow = median_ms > max_load * self._due_ms
+        if is_slow == self._is_slow:
             return None
-        self.detect_every = max(needed_every, min(spare_every, self.detect_every))
-        self._works_s.clear()
-        return self._describe(time_s, median_s, needed_every)
-
-    def _report_overload(
-        self, time_s: float, median_s: float, needed_every: int, spare_every: int
-    ) -> PaceEvent | None:
-        """Return an event when a fixed rate is too high, once until there is time to spare.
-
-        median_s: work on a frame (s); needed_every: k, if there is time for detection in every k-th
-        frame; spare_every: likewise, with time to spare."""
-        if spare_every <= self.detect_every:
-            self._is_overloaded = False
-        if needed_every <= self.detect_every or self._is_overloaded:
-            return None
-        self._is_overloaded = True
-        return self._describe(time_s, median_s, needed_every)
-
-    def _find_every(self, work_s: float, load: float) -> int:
-        """Return k, if there is time for detection in every k-th frame.
-
-        work_s: work on a frame (s); load: share of the time that detection may take."""
-        share_s = load * self._parallel * self._interval_s  # if detection is in every frame
-        return min(max(1, int(np.ceil(work_s / share_s))), MAX_EVERY)
-
-    def _describe(self, time_s: float, median_s: float, needed_every: int) -> PaceEvent:
-        """Return an event at a time (s).
-
-        median_s: work on a frame (s); needed_every: k, if there is time for detection in every k-th
-        frame."""
-        return PaceEvent(
-            time_s,
-            self.detect_every,
-            needed_every,
-            work_ms=1e3 * median_s,
-            interval_ms=1e3 * self._interval_s,
-        )
+        self._is_slow = is_slow
+        return PaceEvent(time_s, is_slow, median_ms, self._due_ms)

@@ -2,23 +2,21 @@
 
 Every frame is fused from the messages of one moment (`toolkit.centre.synchroniser`), its points are
 moved to one time (`toolkit.centre.sweep_motion`), road users are detected and tracked, and the
-tracks are written. A centre that is too slow for that detects less often and predicts the tracks
-between (`toolkit.centre.pace`). When frames still come faster than they can be worked on, the
-oldest that wait are dropped and counted, so that what comes out stays new."""
+tracks are written. Threads detect (`toolkit.centre.detection_pool`), and a frame is given out at
+its deadline at the latest. Without its detections, its tracks are predicted. Detections that come
+later update the tracks of the frames that follow, so nothing that was detected is lost."""
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from concurrent.futures import Future
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
 from toolkit.centre.clock import Clock
-from toolkit.centre.detection_pool import Detection, DetectionPool
+from toolkit.centre.detection_pool import DetectionPool
 from toolkit.centre.message_queue import MessageSource
-from toolkit.centre.pace import LagEvent, PaceEvent, PaceKeeper
+from toolkit.centre.pace import LagEvent, PaceEvent, PaceWatch
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_monitor import Fault
 from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
@@ -32,8 +30,8 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.tracking.tracker import Tracker
 from toolkit.tracking.tracks import Tracks
 
-MAX_WAITING_FRAMES = 2
 MAX_PAUSE_S = 0.02  # longest wait for a message before the watch looks again
+_TOLERANCE_S = 1e-6  # rounding of a frame's deadline
 CentreEvent = FaultEvent | PaceEvent | LagEvent
 
 
@@ -46,9 +44,14 @@ class CentreFrame:
         detections: Detections, world frame; None if the tracks are predicted.
         tracks: Tracks after them.
         faults: Faults of sensors by name.
-        stage_ms: Milliseconds of each stage: wait, fuse, level, detect, track, write; without
-            level and detect if the tracks are predicted.
+        stage_ms: Milliseconds of each stage: wait, fuse, hold, level, detect, track, write; without
+            level and detect if the tracks are predicted. It is on hold until detection in it
+            begins, or else until it is given out.
         latency_ms: Milliseconds from the last point to the written tracks.
+        detection_age_s: Age of the newest detections behind the tracks (s), 0 for the frame's;
+            None before the first ones.
+        late_detections: Detections in frames that were out already, which came since the frame
+            before, the oldest first.
     """
 
     frame: Frame
@@ -57,6 +60,8 @@ class CentreFrame:
     faults: Mapping[str, Fault]
     stage_ms: Mapping[str, float]
     latency_ms: float
+    detection_age_s: float | None = None
+    late_detections: Sequence[FrameDetections] = ()
 
 
 @dataclass(frozen=True)
@@ -64,22 +69,25 @@ class LeftOut:
     """Numbers of what the centre left out since it started.
 
     Attributes:
-        frames: Frames that were dropped because later ones waited.
+        frames: Frames that were dropped because their time did not go on.
         messages: Messages that a full queue dropped, by sensor.
         late: Messages whose frame was out already, by sensor.
-        predicted: Frames that came out without detection, with predicted tracks.
+        predicted: Frames that came out without their detections, with predicted tracks.
+        late_detections: Predicted frames whose detections came later.
     """
 
     frames: int
     messages: Mapping[str, int]
     late: Mapping[str, int]
     predicted: int = 0
+    late_detections: int = 0
 
     def as_dict(self) -> dict[str, object]:
         """Return the numbers as plain values."""
         return {
             "dropped_frames": self.frames,
             "predicted_frames": self.predicted,
+            "late_detections": self.late_detections,
             "dropped_messages": dict(self.messages),
             "late_messages": dict(self.late),
         }
@@ -90,7 +98,7 @@ class RunningCentre:
 
     Args:
         sensors: Sensors by name, at their poses.
-        detection: Detector and place.
+        pool: Detects in frames.
         synchroniser: Groups messages by time.
         watch: Names sensors that fail.
         clock: Time of the sensors.
@@ -99,14 +107,15 @@ class RunningCentre:
         with_clouds: True to pass clouds to `write`, too.
 
     Attributes:
-        dropped_frames: Number of frames that were dropped because later ones waited.
+        dropped_frames: Number of frames that were dropped because their time did not go on.
         predicted_frames: Number of frames that came out with predicted tracks.
+        late_detections: Number of predicted frames whose detections came later.
     """
 
     def __init__(
         self,
         sensors: Mapping[str, Sensor],
-        detection: Detection,
+        pool: DetectionPool,
         *,
         synchroniser: Synchroniser,
         watch: SensorWatch,
@@ -121,125 +130,155 @@ class RunningCentre:
         with_clouds: True to pass clouds to `write`."""
         self.dropped_frames = 0
         self.predicted_frames = 0
+        self.late_detections = 0
         self._sensors = sensors
-        self._detection = detection
+        self._pool = pool
+        self._detect_every = pool.detection.detect_every
+        self._deadline_s = pool.detection.deadline_s * clock.speed  # on the clock of the sensors
         self._synchroniser = synchroniser
         self._watch = watch
         self._clock = clock
         self._write = write
         self._tick = tick
         self._with_clouds = with_clouds
-        self._pace = PaceKeeper(
-            synchroniser.interval_s, detection.detect_every, parallel=detection.parallel
-        )
+        due_ms = 1e3 * self._detect_every * synchroniser.interval_s / clock.speed
+        self._pace = PaceWatch(due_ms, pool.detection.parallel)
         self._pace_events: list[PaceEvent] = []  # since the last tick
         self._tracker = Tracker()
-        self._has_area = False  # whether the tracker knows the area of detection
+        self._detected_s: float | None = None  # time of the frame of the tracker's last detections
         self._last_time_s = -np.inf  # time of the last frame
         self._number = 0  # number of the next frame
-        self._waiting: deque[MessageGroup] = deque()
-        self._in_work: deque[_FrameInWork] = deque()
+        self._frames: deque[_FrameInWork] = deque()
+        self._unread: list[SensorMessage] = []  # not read for faults yet
+        self._late_results: list[FrameDetections] = []  # since the last frame given out
 
     def run(self, source: MessageSource) -> Iterator[CentreFrame]:
         """Yield the frames of a source's messages as they are done.
 
         Raises the errors of the detector and the writers."""
-        with closing(DetectionPool(self._detection, source.wake)) as pool:
-            while (messages := source.take(0.0 if self._can_begin() else MAX_PAUSE_S)) is not None:
-                self._hear(messages)
-                self._begin_frames(pool)
-                while self._in_work and self._in_work[0].is_done():
-                    yield from self._finish_first()
-            self._waiting += self._synchroniser.flush()
-            while self._waiting or self._in_work:
-                self._begin_frames(pool)
-                if self._in_work:
-                    yield from self._finish_first()
+        while (messages := source.take(self._find_pause())) is not None:
+            self._hear(messages)
+            yield from self._give_out()
+            self._read_messages()
+        self._begin_frames(self._synchroniser.flush())
+        while self._frames or self._pool.is_expected(np.inf):
+            source.rest(self._find_pause())
+            yield from self._give_out()
 
     def _hear(self, messages: Iterable[SensorMessage]) -> None:
-        """Take messages, look at the sensors, and put complete groups in the queue."""
+        """Take messages, look at the sensors, and begin the frames that are complete."""
         for message in messages:
             self._watch.hear(message)
             self._synchroniser.add(message)
         now_s = self._clock.now()
         self._tick(now_s, [*self._watch.look(now_s), *self._pace_events])
         self._pace_events.clear()
-        self._waiting += self._synchroniser.take(now_s, self._watch.in_time)
-        while len(self._waiting) > MAX_WAITING_FRAMES:
-            self._waiting.popleft()
-            self.dropped_frames += 1
+        self._begin_frames(self._synchroniser.take(now_s, self._watch.in_time))
 
-    def _can_begin(self) -> bool:
-        """Return True if a frame waits and a detection can begin."""
-        detecting = sum(not entry.is_done() for entry in self._in_work)
-        return bool(self._waiting) and detecting < self._detection.parallel
-
-    def _begin_frames(self, pool: DetectionPool) -> None:
-        """Fuse waiting frames and begin to detect in them, as many as the pool takes."""
-        while self._can_begin():
-            group = self._waiting.popleft()
+    def _begin_frames(self, groups: Iterable[MessageGroup]) -> None:
+        """Fuse groups of messages to frames, and let the pool detect in them if it is due."""
+        for group in groups:
             if group.time_s <= self._last_time_s:
                 self.dropped_frames += 1
                 continue
             self._last_time_s = group.time_s
             stages = _Stages(self._clock, group.time_s)
+            is_due = self._number % self._detect_every == 0
             frame = self._fuse(group)
             stages.end("fuse")
-            detected = pool.submit(frame) if self._pace.is_due() else None
-            messages = group.messages.values()
-            self._in_work.append(_FrameInWork(frame, messages, stages, detected))
-            if self._detection.parallel == 1:
-                return  # new messages are heard first
+            self._frames.append(_FrameInWork(frame, stages))
+            self._unread += group.messages.values()
+            if is_due:
+                self._pool.add(frame)
 
-    def _finish_first(self) -> Iterator[CentreFrame]:
-        """Track, write and yield the oldest frame in work; then read its messages for faults."""
-        entry = self._in_work.popleft()
+    def _find_pause(self) -> float:
+        """Return the longest wait before something is due (s)."""
+        if not self._frames:
+            return MAX_PAUSE_S
+        remaining_s = self._find_remaining(self._frames[0].frame.time) / self._clock.speed
+        return min(max(0.0, remaining_s), MAX_PAUSE_S)
+
+    def _find_remaining(self, time_s: float) -> float:
+        """Return the seconds of the sensors to the deadline of a frame; time_s: its time (s)."""
+        return time_s + self._deadline_s - self._clock.now()
+
+    def _give_out(self) -> Iterator[CentreFrame]:
+        """Take the detections that are done, and yield the frames that are, in their order."""
+        while self._frames:
+            entry = self._frames[0]
+            self._take_detections(entry.frame.time)
+            if not self._is_ready(entry.frame.time):
+                return
+            self._frames.popleft()
+            yield self._finish(entry)
+        self._take_detections(np.inf)
+
+    def _is_ready(self, time_s: float) -> bool:
+        """Return True if a frame is to wait no longer; time_s: its time (s)."""
+        is_settled = not self._pool.is_expected(time_s)
+        return is_settled or self._find_remaining(time_s) <= _TOLERANCE_S
+
+    def _take_detections(self, time_s: float) -> None:
+        """Update the tracks with the detections that are done, in frames up to a time (s)."""
+        for result in self._pool.take(time_s):
+            first = self._frames[0] if self._frames else None
+            if first is not None and result.frame is first.frame:
+                first.detections = result.detections
+                first.stages.end_detection(result)
+            else:
+                self.late_detections += 1
+                self._late_results.append(result)
+            self._track(result)
+
+    def _track(self, result: FrameDetections) -> None:
+        """Update the tracks with the detections in a frame."""
+        if self._detected_s is None:
+            self._tracker = Tracker(result.stand.corners.tolist())
+        self._detected_s = result.frame.time
+        self._tracker.advance(result.detections, result.frame.time)
+        event = self._pace.add_work(sum(result.stage_ms.values()), self._clock.now())
+        if event is not None:
+            self._pace_events.append(event)
+
+    def _finish(self, entry: "_FrameInWork") -> CentreFrame:
+        """Return the oldest frame, with its tracks written."""
         frame = entry.frame
         stages = entry.stages
-        detections = None
-        if entry.detected is None:
+        if entry.detections is None:
             self.predicted_frames += 1
-            tracks = self._tracker.at(frame.time)
-        else:
-            result = entry.detected.result()
-            stages.end_detection(result)
-            detections = result.detections
-            tracks = self._track(result)
+            stages.end("hold")
+        tracks = self._tracker.at(frame.time)
         stages.end("track")
         clouds = frame.clouds if self._with_clouds else ()
         self._write(Instant.from_tracks(frame.time, tracks, clouds))
         stages.end("write")
-        faults = dict(self._watch.faults)
-        latency_ms = stages.latency_ms(frame.time)
-        yield CentreFrame(
-            frame, detections, tracks, faults, stage_ms=dict(stages.times_ms), latency_ms=latency_ms
+        late_results = tuple(self._late_results)
+        self._late_results.clear()
+        return CentreFrame(
+            frame,
+            detections=entry.detections,
+            tracks=tracks,
+            faults=dict(self._watch.faults),
+            stage_ms=stages.times_ms,
+            latency_ms=stages.latency_ms(frame.time),
+            detection_age_s=None if self._detected_s is None else frame.time - self._detected_s,
+            late_detections=late_results,
         )
-        for message in entry.messages:
+
+    def _read_messages(self) -> None:
+        """Read the messages of the frames begun since the last call for faults."""
+        for message in self._unread:
             self._watch.read(message)
-        if detections is not None:
-            self._judge_pace(stages.work_s())
-
-    def _track(self, result: FrameDetections) -> Tracks:
-        """Return the tracks after the detections of a frame."""
-        if not self._has_area:
-            self._has_area = True
-            self._tracker = Tracker(result.stand.corners.tolist())
-        return self._tracker.update(result.detections, result.frame.time)
-
-    def _judge_pace(self, work_s: float) -> None:
-        """Let the pace follow from the work on a frame with detection (s)."""
-        event = self._pace.add_work(work_s, self._clock.now())
-        if event is not None:
-            self._pace_events.append(event)
+        self._unread.clear()
 
     def count_left_out(self, source: MessageSource) -> LeftOut:
         """Return the numbers of what was left out; source: source of the messages."""
-        late = self._synchroniser.late
         return LeftOut(
             frames=self.dropped_frames,
             messages=source.drops,
-            late=late,
+            late=self._synchroniser.late,
             predicted=self.predicted_frames,
+            late_detections=self.late_detections,
         )
 
     def _fuse(self, group: MessageGroup) -> Frame:
@@ -259,25 +298,19 @@ class RunningCentre:
         return move_to_frame(frame, times_s, self._tracker.at(frame.time))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _FrameInWork:
     """Frame that has been fused and is not given out yet.
 
     Attributes:
         frame: Frame.
-        messages: Messages that it was fused from.
         stages: Times of its stages so far.
-        detected: Its detections, None if its tracks are to be predicted.
+        detections: Its detections, None as long as they are not there.
     """
 
     frame: Frame
-    messages: Collection[SensorMessage]
     stages: "_Stages"
-    detected: "Future[FrameDetections] | None"
-
-    def is_done(self) -> bool:
-        """Return True if it can be given out without a wait."""
-        return self.detected is None or self.detected.done()
+    detections: Detections | None = None
 
 
 class _Stages:
@@ -291,15 +324,8 @@ class _Stages:
 
     def __init__(self, clock: Clock, time_s: float) -> None:
         self._clock = clock
-        self._begin_s = clock.now()
         self._last_s = perf_counter()
         self.times_ms = {"wait": self.latency_ms(time_s)}
-
-    def work_s(self) -> float:
-        """Time since the frame was begun, on the clock of the sensors (s).
-
-        At least 0, as the clock of a replay may have been set back."""
-        return max(0.0, self._clock.now() - self._begin_s)
 
     def end(self, stage: str) -> None:
         """End a stage, which began when the last one ended."""
@@ -308,11 +334,12 @@ class _Stages:
         self._last_s = now_s
 
     def end_detection(self, result: FrameDetections) -> None:
-        """End detection, with the times of its parts."""
+        """End detection, with the times of its parts; the frame was on hold before it."""
+        self.end("hold")
+        self.times_ms["hold"] -= sum(result.stage_ms.values())
         self.times_ms["fuse"] += result.fuse_ms
         self.times_ms["level"] = result.stand.ms
         self.times_ms["detect"] = result.detect_ms
-        self._last_s = perf_counter()
 
     def latency_ms(self, time_s: float) -> float:
         """Milliseconds since a time of the sensors."""

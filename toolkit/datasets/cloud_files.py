@@ -165,6 +165,7 @@ def _read_array(path: Path) -> Attributes:
         raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
     if table.dtype.kind not in "fiu":
         raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
+    # columns of points instead of rows; a cloud of three or four points is not that wide
     if len(table) in (3, 4) and table.shape[1] > 20:
         raise ValueError(
             f"{path} must hold rows of x y z, got an array of shape {table.shape}: transpose it"
@@ -188,6 +189,7 @@ def _read_binary(path: Path) -> Attributes:
         )
     rows = np.frombuffer(reading.read_plain(path), "<f4").reshape(-1, count)
     intensities = rows[:, 3]
+    # bytes of another type make some intensities negative
     if len(rows) and np.mean(intensities < 0) > 0.01:
         problem = f"{rule}, but its intensities are below 0"
         raise ValueError(f"{problem}: save other types or columns as .npy or .csv")

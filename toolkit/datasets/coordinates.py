@@ -15,6 +15,7 @@ def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
     # at most a thousand points, evenly taken
     sample = points[:: len(points) // 1000 + 1]
     finite_points = sample[np.isfinite(sample).all(axis=1)]
+    # all points are looked at, since the sample may miss the few that are finite
     if len(sample) and not np.isfinite(points).all(axis=1).any():
         raise ValueError(
             f"none of its {len(points)} points has three finite coordinates: record it again"
@@ -30,6 +31,7 @@ def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
     if np.median(distances) > _MAX_SPREAD_M:
         half_beyond = f"more than {np.median(distances) / 1000:.3g} km from their middle"
         raise ValueError(f"half of its points are {half_beyond}: give metres, or repair the file")
+    # bytes of another type read as numbers are huge, or tiny without being 0
     is_tiny = (finite_points != 0) & (np.abs(finite_points) < _MIN_COORDINATE_M)
     is_outlier = (distances > _MAX_SPREAD_M) | is_tiny.any(axis=1)
     # each place once: a driver's value of no return is always the same

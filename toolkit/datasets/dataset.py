@@ -244,7 +244,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return published.parse_rows(rows, self.site.map_SE3_site, ids, name)
 
     def _warn_of_invalid(self, file: h5py.File) -> None:
-        """Warn how many objects are left out, and describe the first one's fault."""
+        """Warn how many faulty objects of the file are left out, and describe the first fault."""
         faults_of_frame: dict[int, np.ndarray] = {}  # a text for each object, "" for no fault
         for number in range(self._length):
             faults = published.wrong_rows(object_rows(file, f"objects/{number}"))
@@ -253,6 +253,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         if faults_of_frame:
             count = sum(int((faults != "").sum()) for faults in faults_of_frame.values())
             first_frame, faults = next(iter(faults_of_frame.items()))
+            # first object with a fault
             row = int((faults != "").argmax())
             example = f"objects/{first_frame} row {row}, which {faults[row]}"
             left_out = f"{self.path}: {count} objects in {len(faults_of_frame)} frames are left out"

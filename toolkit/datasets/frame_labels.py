@@ -126,7 +126,8 @@ def _find_doubled(
 ) -> Int64[np.ndarray, " k"]:
     """Numbers of the rows that repeat the box and category of an earlier row, ascending.
 
-    rows: numbers of the rows to compare, in order."""
+    No value of two such boxes differs by more than `MAX_DOUBLED_GAP`. rows: numbers of the rows to
+    compare, in order."""
     # with the extra "", an array without categories is one of texts, too; its number is cut off
     _, category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)
     values = np.column_stack([boxes, category_numbers[:-1]])

@@ -92,8 +92,9 @@ def parse_intrinsic(
 ) -> DepthCamera:
     """Camera with this published intrinsic matrix and image size, that measures every second pixel.
 
-    height, width: pixels of the full image; name: what errors call the matrix.
-    Raises ValueError unless the matrix is a forward-first one with one focal length."""
+    published: (3, 3) matrix whose columns are x forward, y and z, in pixels; height, width: of the
+    full image (pixels); name: what errors call the matrix. Raises ValueError unless the matrix is
+    such a forward-first one with one focal length."""
     matrix = np.asarray(published, np.float64)
     form = "[[cu, f, 0], [cv, 0, -f], [1, 0, 0]]"
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not matrix[0, 1] > 0:
@@ -194,7 +195,8 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
         has_class = np.isin(rows[:, _CLASS], range(len(LABELS)))
     size_rule = f"they must be positive and at most {MAX_EXTENT_M:g} m"
     class_rule = f"there are classes 0..{len(LABELS) - 1} {LABELS}"
-    # mask of the wrong rows, columns to show, and the fault in words; the first rule counts
+    # mask of the wrong rows, columns to show, and the fault in words, {} for the columns' values;
+    # the first fault of a row counts
     rules = (
         (~has_numbers, slice(None), "holds NaN or infinity: {}"),
         (~has_size, _HALF_EXTENTS, f"has half extents {{}}: {size_rule}"),

@@ -73,12 +73,14 @@ class Scene:
 def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
     """Return the bytes of a complete HDF5 file of scenes.
 
-    They are made in memory, so that whoever writes them can write all or none."""
+    header: what all scenes share. They are made in memory, so that whoever writes them can write
+    all or none."""
     object_counts = [len(scene.frame.objects) for scene in scenes]
     # in memory, which grows by 4 MiB at a time
     with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
         _create(file, header, frames=len(scenes), objects=sum(object_counts))
         # the objects of all frames are one after the other
+        # rows of the first object of each frame, then the number of all objects
         object_start = np.concatenate([[0], np.cumsum(object_counts, dtype=np.int64)])
         file["coview/object_start"][:] = object_start
         for number, scene in enumerate(scenes):
@@ -127,6 +129,7 @@ def join(header: Header, shards: Sequence[Path], out: Path) -> None:
         for path, frames, objects in zip(shards, frame_counts, object_counts, strict=True):
             with h5py.File(path) as shard:
                 target["coview/time"][first_frame : first_frame + frames] = shard["coview/time"][:]
+                # one more than frames: the end of a shard is written again as the next one's start
                 starts = first_object + shard["coview/object_start"][:]
                 target["coview/object_start"][first_frame : first_frame + frames + 1] = starts
                 for column in ("coview/object_ids", "coview/object_bodies"):

@@ -95,6 +95,7 @@ def _guess_folder_layout(folder: Path) -> str:
     """Guess the layout of a folder by files that only one layout has, "folder" without any.
 
     Raises ValueError for a folder that several layouts might have written."""
+    # layouts that might have written the folder
     layouts: tuple[str, ...] = ()
     for candidates, patterns in _SIGNS.items():
         if any(any(folder.glob(pattern)) for pattern in patterns):

@@ -224,6 +224,7 @@ class Job:
         if self.mix.strays:
             plan["strays"] = self.mix.strays
         usual_mix = Mix()
+        # largest numbers of objects, and of parked ones among them
         if (self.mix.most, self.mix.most_parked) != (usual_mix.most, usual_mix.most_parked):
             plan["objects"] = f"{self.mix.most}, {self.mix.most_parked} of them parked"
         if self.mix.stay is not None:
@@ -259,9 +260,10 @@ class Job:
         return np.array([index_of_name[body.name] for body in bodies])
 
     def _make_scenes(self, fixed_renderer: "Renderer", block: int) -> Iterator[Scene]:
-        """Simulate and render the scenes of a block, one after the other.
+        """Simulate and render the scenes of a block of frames, one after the other.
 
-        fixed_renderer: renderer of the fleet's fixed bodies; block: number of the block."""
+        A block depends only on its number, so that blocks can be made in any order. fixed_renderer:
+        renderer of the fleet's fixed bodies; block: number of the block."""
         seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
         frames = self.block_frames(block)
         renderer = fixed_renderer
@@ -276,7 +278,7 @@ class Job:
         once = bool(self.fleet.drawn)  # no body twice before all of its class
         snapshots = traffic(renderer.bodies, frames=len(frames), seed=seed, once=once)
         for index, snapshot in zip(frames, snapshots, strict=True):
-            # track ids differ from block to block
+            # a block has fewer than a million tracks, so that ids differ from block to block
             objects = replace(snapshot.objects, ids=snapshot.objects.ids + block * 1_000_000)
             frame = Frame(
                 sensors=self.sensors,

@@ -134,6 +134,7 @@ class TransformTree:
         moving: dict[str, dict[int, TransformLink]] = {}
         malformed_count = 0
         for link in links:
+            # a frame needs a name
             has_two_frames = link.child and link.parent and link.child != link.parent
             if link.parent_SE3_child is None or not has_two_frames:
                 malformed_count += 1
@@ -142,7 +143,7 @@ class TransformTree:
             else:
                 # a stamp of 0 is none
                 moving.setdefault(link.child, {})[link.stamp_ns or link.recorded_ns] = link
-        # children with static transforms as well keep only those
+        # a child with static and moving transforms keeps only the static ones
         placed_twice = static.keys() & moving.keys()
         for child in placed_twice:
             del moving[child]

@@ -276,11 +276,12 @@ def site_background(site: Site) -> Background:
     `POINTS_PER_FACE` on a surface as large as a side of a voxel."""
     crop = Crop.from_place(site)
     slope = site.relief.slope
-    voxel = choose_voxel(crop)
+    voxel = choose_voxel(crop)  # m
     mesh = build_scenery(site)
     # corners of triangles, z counted from the slope, (triangles, 3 corners, xyz)
     level_corners = level_rows(mesh.vertices, slope)[mesh.triangles]
     xmin, ymin, xmax, ymax = crop.area
+    # triangles whose bounds meet the crop
     is_near = (level_corners.max(axis=1) >= [xmin, ymin, _MIN_HEIGHT_M]).all(axis=1)
     is_near &= (level_corners.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
     corners = mesh.vertices[mesh.triangles[is_near]]  # (triangles, 3 corners, xyz)

@@ -375,10 +375,12 @@ def format_rows(rows: Sequence[GroupRow]) -> str:
     table_keys = dict.fromkeys((row.label, row.protocol) for row in rows)
     for label, protocol in sorted(table_keys, key=lambda key: LABELS.index(key[0])):
         table_rows = [row for row in rows if (row.label, row.protocol) == (label, protocol)]
+        # one for each cell
         row_by_cell = {(row.among, row.measure): row for row in table_rows}
         measures = list(dict.fromkeys(row.measure for row in table_rows))
         lines = [["objects", "to find", *measures]]
         for among in dict.fromkeys(row.among for row in table_rows):
+            # None for a measure that was not applied to these objects
             line_rows = [row_by_cell.get((among, measure)) for measure in measures]
             truths = next(row.truths for row in line_rows if row is not None)
             aps = [_format_ap(row) for row in line_rows]

@@ -50,7 +50,8 @@ class Evaluation(Sequence[Row]):
     def text(self) -> str:
         """Return all figures as tables of text, with poses, loads and breakdown if there are any.
 
-        Problems of reading are in the summaries of schemes if there is a breakdown, else last."""
+        Problems of reading are in the summaries of schemes if there is a breakdown, else they come
+        last."""
         parts = ["\n".join(map(str, self.poses))] if self.poses else []  # a line for each sensor
         parts.append(format_table(self.rows))
         if self.loads:

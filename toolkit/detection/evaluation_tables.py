@@ -25,7 +25,10 @@ def format_table(rows: Iterable[Row]) -> str:
 
 
 def _format_rows(rows: Sequence[Row]) -> str:
-    """Format the rows of one class as a table of text, part of the one of `format_table`."""
+    """Format the rows of one class as a table of text.
+
+    A line is for a scheme and a set of sensors, a row for one of its IoU thresholds; recall and
+    costs are of the first threshold."""
     # row by IoU threshold of each line, by its scheme and sensors
     lines: dict[tuple[str, str], dict[float, Row]] = {}
     for row in rows:

@@ -82,7 +82,10 @@ class _Course:
         return bool((velocity_changes / durations_s[1:] > MAX_ACCELERATION_M_S2).any())
 
     def judge(self, track_id: int) -> DoubtfulTrack:
-        """Return the track with the doubt about it, as defined at the top of this module."""
+        """Return the track with the doubt about it, from 0 to 1, and the reasons for it.
+
+        The doubt is 1 less the product of mean score, share of frames with a detection, and length
+        up to `MIN_LABEL_FRAMES`, halved for jumps and for overlaps."""
         frame_count = len(self.names)
         score = min(1.0, max(0.0, float(np.mean(self.scores))))
         jumps = self.jumps()
@@ -96,6 +99,7 @@ class _Course:
         seen_share = 1 - self.unseen_frames / frame_count
         certainty = score * seen_share * min(1.0, frame_count / MIN_LABEL_FRAMES)
         certainty *= 0.5 ** (jumps + self.overlaps)  # halved for each that is True
+        # in the middle frame
         x, y = self.places[frame_count // 2].tolist()
         return DoubtfulTrack(
             number=track_id,
@@ -113,10 +117,12 @@ def rank_doubts(frames: Sequence[TrackFrame]) -> list[DoubtfulTrack]:
     """List the tracks of a recording, the most doubtful first, equal ones by number.
 
     frames: frames of the recording in order, with their tracks."""
+    # what is gathered of each track, by its number
     courses: dict[int, _Course] = {}
     for frame in frames:
         tracks = frame.tracks
         overlap = iou_bev(tracks.boxes, tracks.boxes)
+        # each track with itself
         np.fill_diagonal(overlap, 0.0)
         has_overlap = np.asarray((overlap > MIN_OVERLAP_IOU).any(axis=1))
         for row, track_id in enumerate(tracks.ids.tolist()):

@@ -41,7 +41,9 @@ class SetResults:
     def __init__(
         self, job: ScoringJob, results: Sequence[FrameResult], scheme: str, sensors: tuple[int, ...]
     ) -> None:
-        """Pick the results of a scheme (by name) and a set (indices of sensors) from all frames."""
+        """Pick the results of one scheme and one set of sensors from all frames.
+
+        scheme: its name; sensors: indices of the sensors in the set."""
         self.job = job
         self.results = results
         self.scheme = scheme
@@ -55,7 +57,8 @@ class SetResults:
         # mean of the sensors in each frame, then of the frames
         kbits = [bits.mean() / 1000 if len(bits) else 0.0 for bits in self.bits]
         self.kbit = float(np.mean(kbits))
-        # detections outside the area are treated apart only by the rule for recorded labels
+        # masks of detections outside the area, by frame; only the protocol for recorded labels
+        # treats these apart
         self.outside: list[Mask] | None = None
         if job.protocol == "measured":
             self.outside = _find_outside(self.truths, self.detections)

@@ -107,13 +107,16 @@ class Survey:
             "vehicles": len(self.counts),
             "unseen": {name: self.unseen(sensors) for name, sensors in sensors_by_name.items()},
             "classes": classes,
+            # None if the data set states no numbers of points
             "counts_that_agree": self.agreement and list(self.agreement),
             "problems": self.problems,
             "provenance": with_file_digest(self.provenance),
         }
 
     def text(self, sensor_sets: Sequence[Sequence[int]]) -> str:
-        """Return the figures as lines of text; sensor_sets: sets of sensor indices."""
+        """Return the figures as lines of text.
+
+        sensor_sets: sets of sensor indices for which points on objects are summed up."""
         figures = self.as_dict(sensor_sets)
         objects = "  ".join(
             f"{name} {number:.2f}" for name, number in self.objects_per_frame.items()
@@ -135,6 +138,7 @@ class Survey:
                 )
                 lines.append(f"{label} from {sensors}: {unseen_text}, {points}")
         if self.agreement is not None:
+            # with the numbers that the data set states
             agree, compared_count = self.agreement
             lines.append(
                 f"{agree} of {compared_count} labelled cuboids hold as many points as the set says"
@@ -233,7 +237,8 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     site: site whose area limits the objects and points that count, None for all; codec:
     gives the bits of the points."""
     objects = frame.objects
-    count = count_points  # counts the points in boxes
+    # function of points and boxes
+    count = count_points
     if site is None:
         clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
     else:

@@ -223,7 +223,7 @@ def _format_ap(rows: Sequence[TrackApRow]) -> str:
 
 
 def _format_scores(rows: Sequence[ClassTracks]) -> str:
-    """Format HOTA, MOTA, IDF1 and sAMOTA as a table of text."""
+    """Format HOTA, MOTA, IDF1 and sAMOTA as a table of text, a line for each class and match."""
     headings = ["class", "match", "objects", "HOTA", "DetA", "AssA", "MOTA", "IDF1", "switches"]
     table = [[*headings, "mostly tracked", "AMOTA", "sAMOTA"]]
     for row in rows:
@@ -238,7 +238,9 @@ def _format_scores(rows: Sequence[ClassTracks]) -> str:
 
 
 def _format_errors(rows: Sequence[ClassTracks]) -> str:
-    """Format errors of motion and times to the first detection as a table of text."""
+    """Format errors of motion and times to the first detection as a table of text.
+
+    A line is for a class and a match, the threshold at which a track matches an object."""
     headings = ["class", "match", "speed m/s", "heading °", "come in", "first detection s"]
     table = [[*headings, "95 % s", "never found"]]
     for row in rows:

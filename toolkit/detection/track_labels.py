@@ -126,7 +126,7 @@ def _parse_frame(rows: LabelRows) -> LabelFrame:
     """Parse the labels of one frame: objects with an id, and rectangles without labels.
 
     Objects that are truncated or hidden too much, or are of `UNCOUNTED_KINDS`, are not to be
-    found."""
+    found: they are not `counted`. rows: rows of a label file, with boxes in the camera's frame."""
     is_ignored = np.array([kind == DONT_CARE for kind in rows.kinds], np.bool_)
     placed_rows = place_rows(rows, BODY_SE3_CAMERA, problems={})  # objects of our classes
     has_id = placed_rows.ids >= 0

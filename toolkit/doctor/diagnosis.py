@@ -109,7 +109,7 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
 
     samples: consecutive frames, with the problems that reading them counted."""
     # numbers of labels or clouds with each problem, by words for the problem
-    problems = sum((Counter(sample.problems) for sample in samples), Counter[str]())
+    problems = sum((Counter(sample.problems) for sample in samples), Counter[str]())  # 0 by default
     label_count = sum(len(sample.objects) for sample in samples)
     if all(len(sample.objects) for sample in samples):
         # labels of other frames are no fault: they are the whole recording's, and only a part of

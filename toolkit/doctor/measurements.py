@@ -152,7 +152,7 @@ def _suspect_posture(exam: Examination) -> Iterator[Finding]:
 
 
 def _suspect_floating(exam: Examination) -> Iterator[Finding]:
-    """Find boxes whose floor is off the ground around them, if they are usually so."""
+    """Find boxes whose floor is above or below the ground next to them, if this is usual."""
     slope = exam.site.relief.slope
     gaps_m = []  # heights of boxes' floors above the ground next to them
     for objects, cloud in exam.sample_clouds():
@@ -164,9 +164,11 @@ def _suspect_floating(exam: Examination) -> Iterator[Finding]:
             # points in a ring of 2 m around the box; the low ones are on the ground
             is_in_ring = (distances > radius) & (distances < radius + 2)
             ring_z = points[is_in_ring, 2]
+            # fewer do not show the ground
             if len(ring_z) >= 20:
                 floor_z = z - height / 2
                 gaps_m.append(floor_z - np.percentile(ring_z, 10))
+    # fewer than ten boxes may be chance
     if len(gaps_m) >= 10 and abs(np.median(gaps_m)) > MAX_FLOATING_M:
         gap = float(np.median(gaps_m))
         word, side = ("float above", "above") if gap > 0 else ("are sunk into", "below")
@@ -181,7 +183,9 @@ def _suspect_floating(exam: Examination) -> Iterator[Finding]:
 
 
 def _suspect_unseen(exam: Examination) -> Iterator[Finding]:
-    """Find objects in the area without a point, if they are too many to be hidden."""
+    """Find objects in the area without a point, if they are too many to be hidden.
+
+    At an unknown site the area is unknown too."""
     if exam.site.name == UNKNOWN_SITE:
         return
     # numbers of points on each object in the area, an array for each frame

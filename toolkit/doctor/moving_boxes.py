@@ -35,7 +35,8 @@ class MovingBoxes(NamedTuple):
 def find_moving(samples: Sequence[Frame], k: int) -> MovingBoxes:
     """Find the moving boxes of frame k by their tracks in the frame after, or else before.
 
-    samples: consecutive frames. Boxes without a track in those frames are left out."""
+    samples: consecutive frames. Boxes without a track in those frames are left out, and those that
+    stand still or move faster than a road user can."""
     frame = samples[k]
     moving_rows = list[int]()  # rows of the moving boxes
     velocities = list[np.ndarray]()  # x, y (m/s) in the world of frame k

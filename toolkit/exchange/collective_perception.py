@@ -58,13 +58,18 @@ class CollectivePerceptionWriter:
         self._capture = CaptureFile(path)
 
     def write(self, instant: Instant) -> None:
-        """Write the messages of an instant."""
+        """Write the messages of an instant.
+
+        What the messages cannot hold, such as more than `MAX_OBJECTS` objects, is left out and
+        counted among the problems."""
         time_ns = nanoseconds(instant.time_s)
+        # ms since the epoch of ITS, 2004
         its_ms = count_its_ms(instant.time_s)
         add_problem(self.problems, BEFORE_2004, int(instant.time_s < ITS_EPOCH_S))
         add_problem(self.problems, TOO_MANY, max(len(instant) - MAX_OBJECTS, 0))
         instant = keep_surest(instant, MAX_OBJECTS)
         ids = instant.list_ids()
+        # what messages call the tracks, of fewer bits
         numbers = self._numbers.assign(ids)
         add_problem(self.problems, OTHER_NUMBERS, int(np.not_equal(ids, numbers).sum()))
         content = CpmContent(
@@ -135,7 +140,7 @@ def make_station(origin: GeoOrigin) -> RoadsideStation:
 
 
 def keep_surest(instant: Instant, count: int) -> Instant:
-    """Return an instant with at most `count` road users, those with the highest scores."""
+    """Return an instant with only the `count` road users of the highest scores, in their order."""
     if len(instant) <= count:
         return instant
     rows: Int64[np.ndarray, " n"] = np.sort(np.argsort(-instant.scores, kind="stable")[:count])

@@ -98,7 +98,9 @@ class CpmEncoder:
         )
 
     def encode(self, content: CpmContent) -> bytes:
-        """Return a message of any length. Raises ValueError for values that the modules refuse."""
+        """Return a message of any length. Raises ValueError for values that its standard refuses.
+
+        Keys are the names that the ASN.1 modules of the standard give."""
         containers = [self._rsu_container]
         if content.sensor_ids:
             sensors = [

@@ -64,6 +64,7 @@ class DetectionArrayWriter:
         ]
         message = self._store.types[ARRAY](header=header, detections=detections)
         self._writer.write(self._connection, time_ns, self._store.serialize_cdr(message, ARRAY))
+        # the message has no field for velocities
         velocities = [velocity for velocity in instant.known_velocities() if velocity is not None]
         add_problem(self.problems, NO_VELOCITY, len(velocities))
 

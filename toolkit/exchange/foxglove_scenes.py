@@ -50,7 +50,7 @@ class FoxgloveWriter:
         self._last_ids: set[int] = set()  # road users of the instant written last
 
     def write(self, instant: Instant) -> None:
-        """Write the boxes and clouds of an instant."""
+        """Write the boxes and clouds of an instant; boxes of road users that left are deleted."""
         time_ns = nanoseconds(instant.time_s)
         for cloud in instant.clouds:
             stamp_ns = time_ns if cloud.stamp_s is None else nanoseconds(cloud.stamp_s)

@@ -69,6 +69,7 @@ class GeoOrigin:
 
     def degrees(self, points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 2"]:
         """Return longitude and latitude (degrees) of points of the world frame (m)."""
+        # `turn` is the angle from east to the world's x axis
         east_north_up = transform(pose(yaw=self.turn), np.asarray(points, np.float64))
         origin = _earth_centred(self.latitude_deg, self.longitude_deg)
         x, y, z = (east_north_up @ self._axes() + origin).T  # earth-centred (m)
@@ -89,7 +90,7 @@ class GeoOrigin:
         return (90.0 - np.rad2deg(np.asarray(yaws, np.float64) + self.turn)) % 360.0
 
     def _axes(self) -> Float64[np.ndarray, "3 3"]:
-        """Unit vectors east, north and up at the origin, a row each, in earth-centred axes."""
+        """Unit vectors east, north and up at the origin, a row each, in earth-centred x, y, z."""
         latitude = np.deg2rad(self.latitude_deg)
         longitude = np.deg2rad(self.longitude_deg)
         sine = np.sin(latitude)
@@ -116,7 +117,7 @@ def _normal_radius(sine: Any) -> Any:
 
 
 def _earth_centred(latitude_deg: float, longitude_deg: float) -> Float64[np.ndarray, "3"]:
-    """Earth-centred coordinates (m) of a place on the ellipsoid."""
+    """Earth-centred x, y, z (m) of a place on the ellipsoid: z to the north pole, x to 0° 0°."""
     latitude = np.deg2rad(latitude_deg)
     longitude = np.deg2rad(longitude_deg)
     radius = _normal_radius(np.sin(latitude))

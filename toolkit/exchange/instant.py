@@ -58,6 +58,7 @@ class Instant:
         """Check all fields, and replace them by arrays of the stated types and shapes."""
         detections = Detections(check_boxes(self.boxes), self.scores, self.labels)
         count = len(detections)
+        # x, y, z, length, width and height
         if not (np.abs(detections.boxes[:, :6]) <= MAX_COORDINATE_M).all():
             raise ValueError(
                 f"boxes must lie within {MAX_COORDINATE_M:g} m of the origin, got "

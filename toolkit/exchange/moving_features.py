@@ -60,6 +60,7 @@ class _Mover:
             box_properties[name] = _measure(unit, self.values[name], kind)
         properties = [box_properties]
         if self.speeds:
+            # velocities may be unknown at some moments, so each speed comes with its moment
             speeds_m_s = [speed for _, speed in self.speeds]
             interpolation_of_speed = "Linear" if len(speeds_m_s) > 1 else "Discrete"
             properties.append(
@@ -68,6 +69,7 @@ class _Mover:
                     "speed": _measure("MTS", speeds_m_s, interpolation_of_speed),
                 }
             )
+        # class number, and how often
         ((label, _),) = self.labels.most_common(1)
         return {
             "type": "Feature",
@@ -93,7 +95,7 @@ class MovingFeaturesWriter:
         self._movers: dict[int, _Mover] = {}
 
     def write(self, instant: Instant) -> None:
-        """Add the objects of an instant to their features."""
+        """Add the objects of an instant to the features of their tracks."""
         moment = format_moment(instant.time_s)
         boxes = instant.boxes
         longitudes_latitudes = np.round(

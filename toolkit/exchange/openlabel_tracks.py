@@ -66,7 +66,9 @@ class OpenLabelWriter:
         self._file.write(f'{text}, "frames": {{')
 
     def write(self, instant: Instant) -> None:
-        """Write an instant as the next frame."""
+        """Write an instant as the next frame.
+
+        Classes are kept for the list of objects, which comes last in the file."""
         objects = {}
         velocities = instant.known_velocities()
         for row, track_id in enumerate(instant.list_ids()):
@@ -97,6 +99,7 @@ class OpenLabelWriter:
             str(track_id): track.describe(track_id) for track_id, track in self._tracks.items()
         }
         intervals = _list_intervals([[0, self._frame - 1]] if self._frame else [])
+        # }} in the text is a single brace: the first closes the frames, the last two the document
         self._file.write(
             f'\n}},\n"objects": {json.dumps(objects)},\n'
             f'"frame_intervals": {json.dumps(intervals)}}}}}\n'

@@ -95,7 +95,7 @@ class OsiWriter:
     def _base_moving(self, box: np.ndarray, velocity: tuple[float, float, float] | None) -> Any:
         """Return message BaseMoving of a box (x y z length width height yaw).
 
-        velocity: m/s in the world frame, None if unknown."""
+        velocity: along x, y and z of the world frame (m/s), None if unknown."""
         osi = self._osi
         x, y, z = box[:3].tolist()
         length, width = box[3:5].tolist()
@@ -106,6 +106,5 @@ class OsiWriter:
             orientation=osi.Orientation3d(roll=0.0, pitch=0.0, yaw=yaw),
         )
         if velocity is not None:
-            x, y, z = velocity
-            base.velocity = osi.Vector3d(x=x, y=y, z=z)
+            base.velocity = osi.Vector3d(x=velocity[0], y=velocity[1], z=velocity[2])
         return base

@@ -54,7 +54,9 @@ def read_track_file(path: Path, world_SE3_camera: Pose = BODY_SE3_CAMERA) -> Tra
 
 
 def _parse_json(path: Path, content: Unchecked) -> TrackFile:
-    """Parse the JSON of `toolkit.tracking.track_files`."""
+    """Parse the content of a JSON file in the format of `toolkit.tracking.track_files`.
+
+    Raises ValueError for another format or version, and for damaged values. path: the file."""
     version = content.get("coview_tracks") if isinstance(content, dict) else None
     if version != TRACKS_VERSION:
         raise ValueError(

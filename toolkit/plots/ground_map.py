@@ -24,7 +24,9 @@ _Place = Float64[np.ndarray, "2"]  # x and y (m)
 
 
 def draw_ground(axes: "Axes", site: Site) -> None:
-    """Draw lanes, footways and solids, and hatch the solids that coview drew."""
+    """Draw lanes, footways and solids, and hatch the solids that no map holds.
+
+    `order` decides what is drawn above."""
     for kind, colour in GROUND.items():
         fill_polygons(
             axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0

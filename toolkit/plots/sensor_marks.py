@@ -146,7 +146,7 @@ def spread_discs(places: MapPlaces, headings: Float64[np.ndarray, " n"], gap: fl
 
 
 def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
-    """Legend entries of sensors whose disc holds a number instead of the name."""
+    """Legend entries of sensors whose disc holds a number, since their name is too long for it."""
     from matplotlib.lines import Line2D
 
     mark: PlotStyle = {"marker": "o", "markersize": 8, "markeredgecolor": INK, "linestyle": "none"}

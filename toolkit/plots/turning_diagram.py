@@ -217,6 +217,7 @@ def _draw_band(axes: "Axes", middle: Float64[np.ndarray, "k 2"], width: float, c
     normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
     sides = [middle + width / 2 * normals, (middle - width / 2 * normals)[::-1]]
     half_head = width / 2 + 0.03  # half the width of the head, which is wider than the band
+    # a head longer than its half width
     tip = middle[-1] + 1.6 * half_head * along[-1]
     arrow = [middle[-1] + half_head * normals[-1], tip, middle[-1] - half_head * normals[-1]]
     for outline in (np.concatenate(sides), np.array(arrow)):

@@ -85,9 +85,9 @@ def _check_begin(content: bytes) -> None:
 
 
 def _check_header(header: Any, size: int) -> None:
-    """Raise ValueError if a header's numbers cannot be.
+    """Raise ValueError for a header whose numbers do not fit the file, or that is not in metres.
 
-    size: bytes of the file."""
+    header: laspy's header; size: bytes of the file."""
     count = int(header.point_count)
     point_bytes = int(header.point_format.size)
     check_unpacked(count * point_bytes, MAX_CLOUD_BYTES)
@@ -107,7 +107,10 @@ def _check_header(header: Any, size: int) -> None:
 
 
 def _check_unit(header: Any) -> None:
-    """Raise ValueError for a coordinate system that is not in metres."""
+    """Raise ValueError for a coordinate system that is not in metres.
+
+    A record holds it as well-known text, or as pairs of a GeoTIFF key and its value. header: of
+    laspy."""
     for record in (*header.vlrs, *(header.evlrs or ())):
         text = getattr(record, "string", "")
         keys = {key.id: key.value_offset for key in getattr(record, "geo_keys", ())}
@@ -124,7 +127,9 @@ def _check_unit(header: Any) -> None:
 
 
 def _attributes(header: Any, points: Any) -> Attributes:
-    """Return the columns of the points, without those that are withheld."""
+    """Return the columns of all points that are not withheld; flags are left out.
+
+    header, points: laspy's. Colours come back as bytes, unless all are 0."""
     positions = np.column_stack([np.asarray(points[axis], np.float64) for axis in "xyz"])
     if len(positions) != header.point_count:
         raise ValueError(
@@ -132,6 +137,7 @@ def _attributes(header: Any, points: Any) -> Attributes:
             "there"
         )
     _check_bounds(header, positions)
+    # X, Y and Z are the whole numbers from which x, y and z are computed
     names = [name for name in points.point_format.dimension_names if name not in ("X", "Y", "Z")]
     is_kept = np.ones(len(positions), bool)
     if "withheld" in names:
@@ -145,6 +151,7 @@ def _attributes(header: Any, points: Any) -> Attributes:
             columns[name] = np.asarray(points[name])[is_kept]
     if set(_COLOURS) <= set(names):
         colours = np.column_stack([np.asarray(points[name])[is_kept] for name in _COLOURS])
+        # a format with colours is often used without them
         if colours.any():
             columns |= dict(zip(_COLOURS, _as_byte_colours(colours).T, strict=True))
     return name_attributes(columns)

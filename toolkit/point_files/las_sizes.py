@@ -35,6 +35,7 @@ def check_records(content: bytes) -> None:
             f"{records} records are said to be between its header and its points, where "
             f"{first_point - header_bytes} bytes are"
         )
+    # only such a header knows extended records
     if header_bytes >= _EXTENDED_HEADER_BYTES:
         first_extended, extended = struct.unpack_from("<QI", content, _EXTENDED_BYTE)
         if extended and first_extended + extended * _EXTENDED_RECORD_BYTES > len(content):

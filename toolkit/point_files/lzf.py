@@ -2,7 +2,7 @@
 
 
 def decompress_lzf(packed: bytes, size: int) -> bytes:
-    """Decompress bytes of the library LibLZF. Raises ValueError unless they make `size` bytes."""
+    """Decompress bytes that LibLZF has packed. Raises ValueError unless they make `size` bytes."""
     out = bytearray()
     position = 0  # in `packed`
     try:
@@ -22,6 +22,7 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
             position += 2
             start = len(out) - distance
             length = length + 2
+            # damaged, refused below
             if start < 0 or len(out) > size:
                 break
             # if it is longer than its distance, it repeats what it copies

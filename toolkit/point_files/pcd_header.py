@@ -137,6 +137,7 @@ def _check_fields(fields: Sequence[_Field]) -> None:
     point_names = [name for name in names if name != PADDING]
     if len(set(point_names)) < len(point_names):
         raise ValueError(f"two fields have one name: {', '.join(names)[:200]}")
+    # fields that hold x, y and z
     coordinate_names = find_axes(names).names
     kinds = [field.kind for field in fields]  # pairs of TYPE and SIZE
     counts = [field.value_count for field in fields]

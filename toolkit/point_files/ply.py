@@ -57,6 +57,7 @@ def _read_vertices(
             rows=vertex.rows,
             last=is_last,
         )
+    # byte at which the vertices begin; with lists, earlier elements have rows of different sizes
     start = header.size
     for element in earlier_elements:
         start = _find_end(element, content, start)

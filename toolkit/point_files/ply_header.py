@@ -58,6 +58,7 @@ def parse_ply_header(content: bytes) -> PlyHeader:
     first_line = re.match(rb"ply[ \t]*(\r\n|\r|\n)", content)
     if first_line is None:
         raise ValueError("it has no header from ply to end_header, is it a PLY file?")
+    # all lines of the header must end alike
     line_end = first_line[1]
     end_line = re.compile(line_end + rb"end_header[ \t]*" + line_end).search(content)
     if end_line is None:

@@ -62,8 +62,9 @@ class Moment:
     ) -> None:
         """Move the meshes to their boxes, and build the scene from them.
 
-        bodies: mesh of each object, in the frame of its box; slope: rise of the ground (m) per
-        metre along x and y, by which the meshes are sheared."""
+        bodies: mesh of each object, in the frame of its box; boxes: x y z length width height yaw
+        (n, 7); threads: number of threads, 0 for all cores; slope: rise of the ground (m) per metre
+        along x and y, by which the meshes are sheared."""
         self.bodies = tuple(bodies)
         self.boxes = boxes
         self._threads = threads
@@ -108,7 +109,9 @@ class Moment:
         return self._triangle_object.take(next_triangle), cast["t_hit"].numpy()
 
     def _find_footprints(self) -> Footprints:
-        """Return the footprints and heights of the objects, of their bodies' whole meshes."""
+        """Return the footprints and heights of the objects, of their bodies' whole meshes.
+
+        An outline (k, 2) is in the frame of its body; `points` are in the world frame."""
         centres = self.boxes[:, :2]
         outlines = [_body_outline(body) for body in self.bodies]
         points = [
@@ -137,6 +140,7 @@ class Moment:
             first=np.cumsum([0, *map(len, points)]),
             low=low,
             high=high,
+            # x, y, half length, half width, cos and sin of yaw
             rectangles=np.column_stack([middle, half_sizes, cos_sin]),
         )
 

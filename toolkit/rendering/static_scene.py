@@ -89,12 +89,13 @@ def _make_banks(pond: Solid, site: Site) -> Mesh:
 
 
 def ground(site: Site) -> Mesh:
-    """Mesh of the ground up to `FAR` beyond the site's area, with holes at ponds.
+    """Mesh of the ground up to `FAR` metres beyond the site's area, with holes at ponds.
 
     Cells that meet a pond are replaced by triangles of their dry part."""
     shapes = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
     ponds = shapely.union_all(shapes)
     shapely.prepare(ponds)
+    # (cells, 4 corners, xy)
     cells = _make_cells(site.area)
     low, high = np.split(np.array(ponds.bounds), 2)  # x and y each, NaN without ponds
     upper_right = cells[:, 1]  # corners are lower right, upper right, upper left, lower left
@@ -109,7 +110,7 @@ def ground(site: Site) -> Mesh:
     zeros = np.zeros((*dry_cells.shape[:2], 1))
     dry_mesh = _make_quadrilaterals(np.concatenate([dry_cells, zeros], axis=2))
     level_mesh = merge([dry_mesh, triangulate(shores)])
-    xy = level_mesh.vertices[:, :2]
+    xy = level_mesh.vertices[:, :2]  # x and y (m)
     return Mesh(np.column_stack([xy, site.ground(xy)]), level_mesh.triangles)
 
 
@@ -222,7 +223,7 @@ def _draw_hedge(solid: Solid, rng: Rng) -> Mesh:
         # the lowest ring keeps its height, but draws too
         drops = rng.uniform(-ROUGHNESS, 0, len(ring)) * (level > solid.base)
         rings.append(np.column_stack([ring, level + drops]))
-    # the cap: a triangle from each side of the last ring to a vertex in its middle
+    # the cap: a triangle from each side of the last ring to a vertex in its middle, the last one
     cap_vertices = np.concatenate([rings[-1], [[*middle, solid.top]]])
     first = np.arange(len(outline))
     centre = np.full(len(first), len(first))
@@ -250,6 +251,7 @@ def _draw_crown(solid: Solid, rng: Rng) -> Mesh:
     Gaps between them let rays through."""
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
+    # in proportion to the surface of sides and top
     count = max(12, round(LEAVES_PER_M2 * (polygon.length * height + polygon.area)))
     # the order of the draws below fixes the mesh
     stations = rng.uniform(0, 1, count)  # along the outline, 0 to 1

@@ -125,12 +125,14 @@ def cast_strips(
 
         window: row in `windows` of each ray's sector, whose object counts as seen; azimuth,
         elevation: direction of each ray (rad)."""
+        # start x, y, z, and direction
         lines = np.empty((len(window), 6), np.float32)
         lines[:, :3] = start.take(window, axis=0)
         horizontal_length = np.cos(elevation)  # horizontal part of the unit direction
         np.multiply(horizontal_length, np.cos(azimuth), out=lines[:, 3])
         np.multiply(horizontal_length, np.sin(azimuth), out=lines[:, 4])
         np.sin(elevation, out=lines[:, 5])
+        # item that each line meets first, and the length (m) up to it
         met_item, length = moment.met(lines)
         on_object = np.flatnonzero((met_item == item.take(window)) & (length > NEAR))
         ray_kinds = np.zeros(len(window), np.uint8)
@@ -458,7 +460,7 @@ def find_touching(ground: Footprints) -> Mask:
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     # from object i to object j, (i, j, x y)
     offset = middle[None] - middle[:, None]
-    # Separating axes: rectangles are apart if they are so along a side of either one. In the
+    # Separating axes: two rectangles are apart if they are apart along a side of either one. In the
     # products, (object i, axis a of i, object j), both half extents along the axis are added.
     cosines = np.abs(np.einsum("iac,jbc->iajb", axes, axes))
     reach = half_sizes[:, :, None] + np.einsum("iajb,jb->iaj", cosines, half_sizes)

@@ -158,7 +158,7 @@ class Cache:
 
     def _database(self) -> sqlite3.Connection:
         """Open database of this process. Raises sqlite3.Error if the file cannot be used."""
-        # process id and database: a forked process must not share a handle
+        # `_open` is process id and database, since a forked process must not share a handle
         if self._open is not None and self._open[0] == os.getpid():
             return self._open[1]
         if self.path is not None:
@@ -337,7 +337,9 @@ def code_digest(*modules: str) -> str:
 
 
 def digest_of_source(modules: tuple[str, ...], top: Path = SOURCE_ROOT) -> str:
-    """Compute `code_digest` of the source below `top`, read now."""
+    """SHA-256 of the modules and of all that they import, read from the source below `top`.
+
+    Tables next to modules of ours, and versions of libraries, count too."""
     files, libraries = import_closure(modules, top)
     digest = sha256()
     for module in sorted(files):
@@ -444,7 +446,9 @@ def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Impo
 
 @cache
 def _offers(source: bytes, package: str, name: str) -> tuple[_Import, ...]:
-    """Imports by which a package's `__init__` or stub offers `name`; all for "*"."""
+    """Imports by which a package's `__init__` or stub offers `name`; all imports for "*".
+
+    source: text of the file; package: its name, from which relative imports start."""
     by_name: dict[str, _Import] = {}
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):

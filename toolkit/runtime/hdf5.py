@@ -52,9 +52,10 @@ def open_hdf5(path: str | Path) -> h5py.File:
     except _DAMAGE as error:
         size = path.stat().st_size
         with path.open("rb") as file:
-            head = file.read(48)  # the signature, then the superblock
-        # offset of the end-of-file address, by the version of the superblock
-        start = 28 if head[8:9] >= b"\2" else 40
+            # the signature, then the superblock with its version
+            head = file.read(52)
+        # byte of the end-of-file address
+        start = {b"\0": 40, b"\1": 44}.get(head[8:9], 28)
         claimed_bytes = int.from_bytes(head[start : start + 8], "little")
         if size == 0:
             reason = "is empty: copy or make it again"

@@ -92,6 +92,7 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
         shared_job = ray.put(job)
         remaining = iter(inputs)
+        # tasks that are started before the first is awaited
         ahead = AHEAD_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
         while True:
             pending.extend(
@@ -107,7 +108,7 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
         raise WorkLost(
             f"work was lost on the Ray cluster more than {RETRIES} times ({reason}): see its logs"
         ) from None
-    finally:
+    finally:  # also if the caller takes no more results
         for reference in pending:
             ray.cancel(reference, force=True)
 

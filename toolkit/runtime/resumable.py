@@ -70,7 +70,7 @@ class ShardFolder:
             write_text(self.path / "plan.json", json.dumps(self.plan, indent=1))
 
     def check_shards(self) -> dict[int, Path]:
-        """Undamaged shards by block; everything else is removed."""
+        """Undamaged shards by block; damaged and unfinished ones are removed."""
         shards = {}
         for path in sorted(self.path.iterdir()):
             name = _SHARD.fullmatch(path.name)  # its groups: block and checksum

@@ -16,7 +16,9 @@ def escape(text: object) -> str:
 
 
 def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
-    """Lines of a table, the first `texts` columns aligned to the left, others to the right."""
+    """Text of a table in lines, its first `texts` columns aligned to the left, others to the right.
+
+    table: rows of equally many cells, with the headings as the first row."""
     rows = [_escape_breaks(row) for row in table]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     justify = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)

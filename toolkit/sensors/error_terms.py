@@ -209,7 +209,7 @@ class MixedPixels(_Term):
         # a border of one pixel without return, hence + 1 in the indices below
         padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
         rows, columns = image.shape
-        # steps (-1, 0 or 1) from each pixel to the neighbour drawn for it
+        # steps (-1, 0 or 1) along rows and columns from each pixel to the neighbour drawn for it
         down, right = np.array(_NEIGHBOURS)[neighbour_number].transpose(2, 0, 1)
         neighbour = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
         difference = np.abs(neighbour - image)
@@ -259,9 +259,10 @@ class PoleSway(_Term):
     period: float = 3.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Tilt and move the believed pose as the pole sways at the time of the frame.
+        """Tilt and move the believed pose as the sensor's pole sways at the time of the frame.
 
-        `self.amplitude` (rad) is how far its tip turns, `self.period` (s) the mean period."""
+        `self.amplitude` (rad) is how far its tip turns, `self.period` (s) the mean period. Each
+        pole has a direction, phase and period, equal in all frames."""
         position = reading.truth.sensor.position
         height = max(position[2], 0.0)
         # shares from 0 to 1, the same in every frame: heading and phase as shares of a full turn
@@ -271,6 +272,7 @@ class PoleSway(_Term):
         tip_angle = self.amplitude * np.sin(2 * np.pi * turns)
         heading = 2 * np.pi * heading_share
         direction = np.array([np.cos(heading), np.sin(heading), 0.0])
+        # a quarter turn to the left of the direction: a turn about it tilts the pole there
         sway_axis = np.array([-direction[1], direction[0], 0.0])
         swayed = reading.pose.copy()
         swayed[:3, :3] = make_rotation(tip_angle * sway_axis) @ reading.pose[:3, :3]
@@ -401,9 +403,10 @@ class Glass(_Term):
         is_glass = self.band(reading.truth) & is_pane & reading.valid
         is_inside = is_glass & returns_from_inside
         pixels = np.flatnonzero(is_inside)
-        depth = np.zeros(is_glass.size)  # m behind the glass along the ray
+        # for each pixel, m behind the glass along the ray
+        depth = np.zeros(is_glass.size)
         depth[pixels] = depth_share.ravel()[pixels] * _depths_of_boxes(reading.truth, pixels)
-        # a camera's measurement is shorter than the way along the ray
+        # a camera measures the depth along its axis, which is shorter than the way along the ray
         deeper = (depth.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
         measurement = np.where(is_inside, reading.measurement + deeper, reading.measurement)
         return reading.measuring(measurement).without(is_glass & ~returns_from_inside)

@@ -86,7 +86,7 @@ class DepthCamera(_Noisy):
             raise ValueError(f"width, height and stride must be at least 1, got {self}")
         rows, columns = self.shape
         check_rays(rows, columns)
-        # the unmeasured sides are limited too
+        # the size of the image and the stride are limited too, even if few pixels are measured
         check_rays(1, max(self.width, self.height, self.stride))
         if not 0 < self.fov < np.pi:
             raise ValueError(
@@ -133,7 +133,7 @@ class DepthCamera(_Noisy):
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points (m, sensor frame) inside the image and at a depth below `max_range`."""
-        # u / z comparisons multiplied by z, so that nothing is divided by 0
+        # comparisons of x / z and y / z, multiplied by z so that nothing is divided by 0
         x, y, z = np.moveaxis(points, -1, 0)
         # rows of the camera matrix: (focal, 0, centre_u), (0, focal, centre_v), (0, 0, 1)
         (focal, _, centre_u), (_, _, centre_v), _ = self.intrinsic
@@ -261,6 +261,7 @@ class _Lidar(_Noisy):
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points (m, sensor frame) inside the rows, the columns and the range."""
+        # axes of the middle column: azimuth 0 is its direction
         x, y, z = np.moveaxis(self._to_heading_axes(points), -1, 0)
         horizontal_distance = np.hypot(x, y)
         grid = self._grid

@@ -286,7 +286,7 @@ def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tu
     matrix: the document's `map_SE3_site`, for bearings."""
     properties = feature.node("properties")
     geometry = feature.node("geometry")
-    # GIS tools fill up members that a feature lacks with null
+    # GIS tools write null for members that other features of a file have
     properties.value = {
         name: value for name, value in properties.value.items() if value is not None
     }

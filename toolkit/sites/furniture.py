@@ -246,7 +246,7 @@ power_box = _draw_block("cabinet", (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))  # or a 
 
 
 def bushes(rng: Rng) -> list[Solid]:
-    """Draw one to five bushes in a row along x about the origin, grown together."""
+    """Draw one to five bushes in a row along x about the origin, grown together; lengths in m."""
     mean_radius = float(rng.uniform(0.4, 1.2))
     number = int(rng.integers(1, 6))
     spacing = 1.3 * mean_radius  # less than a diameter, so that neighbours overlap
@@ -281,7 +281,8 @@ def container(rng: Rng) -> list[Solid]:
 def skip(rng: Rng) -> list[Solid]:
     """Draw an open skip, narrower at its foot, with a load that may rise above its walls.
 
-    Returns the foot, four walls and the load, all of kind `container`."""
+    Returns the foot, four walls and the load, all of kind `container`, about the origin with the
+    length along x."""
     length, width, height = _draw_lengths(rng, (2.8, 4.8), (1.6, 2.1), (1.0, 1.7))
     # share of the walls' height that the load fills, more than 1 for a heaped load
     (load_share,) = _draw_lengths(rng, (0.4, 1.15))
@@ -303,7 +304,7 @@ def skip(rng: Rng) -> list[Solid]:
 
 
 def bus_shelter(rng: Rng) -> list[Solid]:
-    """Draw a bus shelter: back wall, a side wall and a roof, open towards -y."""
+    """Draw a bus shelter about the origin: back wall, a side wall and a roof, open towards -y."""
     length, width = _draw_lengths(rng, (2.5, 6.0), (1.2, 2.0))
     xmin = -length / 2
     ymin = -width / 2
@@ -350,7 +351,7 @@ def advertisement(rng: Rng) -> list[Solid]:
 
 
 def digger(rng: Rng) -> list[Solid]:
-    """Draw a digger: two tracks, a house with a cab, and an arm, ahead along +x.
+    """Draw a digger about the origin: two tracks, a house with a cab, and an arm, ahead along +x.
 
     The solids overlap in part. Their proportions are shares of a length, width and height."""
     length, width, height = _draw_lengths(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9))

@@ -98,11 +98,13 @@ def _list_streets(site: Site) -> list[ElementTree.Element]:
 
 
 def _find_middle(line: shapely.Geometry) -> _LinePlace:
-    """Find the place at `ARROW_SHARE` of a line."""
+    """Find the place at the share `ARROW_SHARE` of a line, and the direction of the line there.
+
+    The angle is in rad from +x."""
     distance = ARROW_SHARE * line.length
     # the direction is measured between the points 1 m before and after it
     before = line.interpolate(max(distance - 1.0, 0.0))
     after = line.interpolate(min(distance + 1.0, line.length))
-    middle = line.interpolate(distance)
+    place = line.interpolate(distance)
     angle = float(np.arctan2(after.y - before.y, after.x - before.x))
-    return _LinePlace(x=middle.x, y=middle.y, angle=angle)
+    return _LinePlace(x=place.x, y=place.y, angle=angle)

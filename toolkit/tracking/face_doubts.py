@@ -168,7 +168,7 @@ def rotate_variances(
     along: Float64[np.ndarray, " n"],
     across: Float64[np.ndarray, " n"],
 ) -> Float64[np.ndarray, "n 2 2"]:
-    """Covariance in x and y (m²) of variances (m²) along and across headings (rad)."""
+    """Covariance matrices in x and y (m²) of variances (m²) along and across headings (rad)."""
     cos = np.cos(yaw)
     sin = np.sin(yaw)
     covariance = np.empty((len(yaw), 2, 2))

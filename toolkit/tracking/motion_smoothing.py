@@ -50,7 +50,10 @@ class _Group(NamedTuple):
 
     @staticmethod
     def from_courses(courses: Sequence[MeasuredCourse]) -> "_Group":
-        """Make a group of courses that are sorted by their number of frames, the longest first."""
+        """Make a group of courses that are sorted by their number of frames, the longest first.
+
+        Frames are rows and courses columns. A shorter course ends with copies of its last time,
+        without detections."""
         lengths = np.array([len(course.seconds) for course in courses])
         shape = (int(lengths[0]), len(courses))
         group = _Group(

@@ -45,11 +45,14 @@ class RecallPoint(NamedTuple):
 def sweep_recalls(
     frames: Sequence[FrameOverlap], threshold: float = CLEAR_THRESHOLD
 ) -> SweepScores:
-    """Score the tracks of one class in all frames at each recall.
+    """Score the tracks of one class in all frames at each recall; AMOTA and sAMOTA are the means.
+
+    Both are NaN without true objects.
 
     Args:
         frames: True objects and tracks of each frame.
         threshold: Similarity from which an object and a track match."""
+    # by number of the track
     mean_scores = average_scores(frames)
     scored = [overlap.scored(threshold) for overlap in frames]
     clear = match_clear([overlap.pairs for overlap in scored], threshold)
@@ -60,7 +63,8 @@ def sweep_recalls(
     for overlap, match in zip(scored, clear.matches, strict=True):
         hit_ids = overlap.pairs.tracks[match.columns].tolist()
         hit_scores += [mean_scores[number] for number in hit_ids]
-    errors_by_score: dict[float, int] = {}  # false positives, misses and switches
+    # number of false positives, misses and switches, by the least score of the tracks that count
+    errors_by_score: dict[float, int] = {}
     amota = 0.0
     samota = 0.0
     for recall, score in list_recalls(np.array(hit_scores), objects):
@@ -70,6 +74,7 @@ def sweep_recalls(
             errors_by_score[score] = counts.false_positives + counts.misses + counts.switches
         errors = errors_by_score[score]
         amota += 1 - errors / objects
+        # MOTA without the misses that a recall below 1 implies
         scaled = 1 - (errors - (1 - recall) * objects) / (recall * objects)
         samota += min(1.0, max(0.0, scaled))
     return SweepScores(amota / RECALLS, samota / RECALLS)

@@ -254,12 +254,14 @@ def _settle_track(
 
 
 def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRows:
-    """Rows of tracks of one detection: that detection, at rest.
+    """Rows of tracks that have one detection only: that detection, at rest.
 
-    place_error: expected error (m) of places that all frames share."""
+    single: ids of the tracks, and the detection of each in the same order; place_error: expected
+    error (m) of places that all frames share."""
     count = len(single.ids)
     detections = single.detections
     yaw = detections.boxes[:, 6]
+    # with yaw in -pi..pi
     boxes = detections.boxes.copy()
     boxes[:, 6] = np.arctan2(np.sin(yaw), np.cos(yaw))
     weights = weigh_sizes(detections.doubts)

@@ -54,8 +54,8 @@ def write_tracks(
 
 
 def _list_rows(tracks: Tracks) -> list[dict[str, object]]:
-    """Values of each track by the names of `TRACK_COLUMNS`, without frame and time, its first."""
-    # the columns x to unseen_s
+    """Values of each track by name: `TRACK_COLUMNS` without the first two, frame and time."""
+    # columns from x to unseen_s: box with yaw in degrees, score, velocity, age, time unseen
     numbers = np.column_stack([tracks.boxes[:, :6], np.rad2deg(tracks.boxes[:, 6]), tracks.scores])
     numbers = np.column_stack([numbers, tracks.velocities, tracks.ages, tracks.unseen])
     rows = []

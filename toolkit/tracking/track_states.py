@@ -269,10 +269,13 @@ def _correct_sizes(
     Args:
         tracks: Tracks.
         sizes: Length, width and height of their detections (m).
-        doubts: Doubts of their detections' faces (m)."""
+        doubts: Expected errors of their detections' front, rear, left, right and top faces (m)."""
     labels = tracks.label()
+    # for length, width and height (1 / m²)
     weight = weigh_sizes(doubts)
+    # a detection that is longer than the track so far has another weight, by class
     weight[:, 0] *= np.where(sizes[:, 0] > tracks.size[:, 0], LONGER_WEIGHTS[labels], 1.0)
+    # limited, so that old detections do not outweigh new ones for ever
     earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
     kept_share = earlier_weight / tracks.size_weight
     size_weight = earlier_weight + weight
@@ -291,6 +294,7 @@ def _correct_sizes(
 
 def _turn_round(tracks: TrackStates) -> TrackStates:
     """Turn tracks by a half turn that face backwards, by their motion or by their front votes."""
+    # speed (m/s) in the direction of the yaw, negative backwards
     along = tracks.motion[:, 2] * np.cos(tracks.yaw) + tracks.motion[:, 3] * np.sin(tracks.yaw)
     moves_backwards = (along < -MIN_HEADED_M_S) & (tracks.hits >= MIN_HITS)
     is_backwards = moves_backwards | ((tracks.front_votes < 0) & (along < MIN_HEADED_M_S))

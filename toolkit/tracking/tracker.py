@@ -156,6 +156,7 @@ class Tracker:
 
     def _stays(self, tracks: TrackStates, time: float) -> Bool[np.ndarray, " m"]:
         """Mask of tracks that live on without a detection in this frame. time: the frame's (s)."""
+        # longest time (s) without a detection; a later rule replaces an earlier one
         max_unseen = np.where(is_standing(tracks), MAX_STANDING_S, MAX_MOVING_S)
         max_unseen = np.where(tracks.is_confirmed(), max_unseen, MAX_MOVING_S)
         max_unseen = np.where(tracks.hits < MIN_HITS, MAX_TENTATIVE_S, max_unseen)
@@ -191,11 +192,14 @@ def track_live(
 
 
 def _is_ghost(unseen: TrackStates, detected: TrackStates) -> Bool[np.ndarray, " m"]:
-    """Mask of tracks without a detection, at the place of a detected track of their kind."""
+    """Mask of tracks `unseen`, without a detection: those at the place of a detected one.
+
+    Both must be of one kind. Such a track is the other one under a second number."""
     is_ghost = np.zeros(len(unseen.ids), np.bool_)
     # boxes that overlap so much are nearer than this
     diagonals = np.hypot(unseen.size[:, 0], unseen.size[:, 1])[:, None]
     reach = MAX_GHOST_REACH * (diagonals + np.hypot(detected.size[:, 0], detected.size[:, 1])) / 2
+    # differences of x and y (m): (unseen, detected)
     x = unseen.motion[:, :1] - detected.motion[:, 0]
     y = unseen.motion[:, 1:2] - detected.motion[:, 1]
     is_near = x * x + y * y < reach * reach
@@ -204,6 +208,7 @@ def _is_ghost(unseen: TrackStates, detected: TrackStates) -> Bool[np.ndarray, " 
     if not len(rows):
         return is_ghost
     columns = np.flatnonzero(is_near.any(axis=0))
+    # IoU only of tracks that are near another, since it takes longer
     near_boxes = make_track_boxes(unseen.select(rows))
     overlap = iou_bev(near_boxes, make_track_boxes(detected.select(columns)))
     is_same = (overlap > SAME_PLACE_IOU) & is_near[rows[:, None], columns]

@@ -30,7 +30,9 @@ class Tracks(Detections):
     unseen: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: 0
 
     def __post_init__(self) -> None:
-        """Turn the fields into arrays, None into defaults. Raises ValueError for wrong shapes."""
+        """Turn the fields into arrays, None into defaults. Raises ValueError for wrong shapes.
+
+        The defaults are ids from 0 on, and tracks at rest, of age 0 and just detected."""
         super().__post_init__()
         count = len(self.boxes)
         ids = np.arange(count) if self.ids is None else np.asarray(self.ids, np.int64)

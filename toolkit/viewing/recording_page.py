@@ -119,9 +119,10 @@ def page_content(
 
 
 def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Switch]:
-    """Switches of sensors, boxes, outcomes, tags, kinds of boxes and the grid, in this order.
+    """Switches of sensors, boxes, outcomes, tags, trails, kinds of boxes and the grid, in order.
 
-    Parts that no frame has are left out; so are detections if every frame shows outcomes."""
+    Outcomes, tags, trails and kinds that no frame has are left out; so are detections if every
+    frame shows outcomes, which replace them."""
     switches = []
     for index, name in enumerate(style.sensors):
         switches.append(Switch(name, nodes=f"/sensors/{index}", colour=sensor_colour(index)))

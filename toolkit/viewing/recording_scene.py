@@ -233,6 +233,7 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
     for cloud in sample.clouds:
         if len(cloud.points):
             xy = cloud.points[:, :2].astype(np.float64)
+            # two corners that hold most points
             places.append(np.percentile(xy, _VIEW_PERCENTILES, axis=0))
     has_points = len(places) > 1
     if has_points:
@@ -243,7 +244,7 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
     all_places = np.concatenate(places)
     lower_corner = all_places.min(axis=0) if len(all_places) else np.zeros(2)
     upper_corner = all_places.max(axis=0) if len(all_places) else np.zeros(2)
-    # on each side, for the least extent along x and y
+    # added on each side, so that the extent along x and y is large enough
     margins = np.maximum(_MIN_AREA_M - (upper_corner - lower_corner), 0.0) / 2
     xmin, ymin = (10 * np.floor((lower_corner - margins) / 10)).tolist()
     xmax, ymax = (10 * np.ceil((upper_corner + margins) / 10)).tolist()

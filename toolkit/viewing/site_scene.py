@@ -36,6 +36,7 @@ def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
     api: scene of viser; used_poles: names of the poles that carry a sensor, which are thicker and
     darker."""
     scene_parts.add_mesh(api, name="/site/ground", mesh=ground_mesh(site), colour=_BARE_GROUND)
+    # name of the part, outlines, height above the ground at which it is drawn, and colour
     for name, outlines, lift_m, colour in (
         ("lanes", site.lanes, LANE_LIFT_M, _LANE),
         ("footways", site.footways, FOOTWAY_LIFT_M, GROUND["footways"]),

@@ -74,7 +74,7 @@ def _make_sheet(area: tuple[float, float, float, float]) -> tuple["Figure", "Axe
     width = xmax - xmin
     height = ymax - ymin
     scale = _INCHES / max(width, height)  # inches per metre
-    # inches, with room for labels, titles and legend
+    # width and height in inches, with room for labels, titles and legend
     figure = blank_figure(width * scale + 1.2, height * scale + 2.0, constrained=True)
     axes = figure.add_subplot()
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xlabel="x (m)", ylabel="y (m)")

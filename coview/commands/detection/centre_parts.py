@@ -49,13 +49,16 @@ def open_centre(config: "CentreConfig") -> "Iterator[CentreParts]":
 
 @contextmanager
 def _share_cores(parallel: int) -> "Iterator[None]":
-    """Give each of some parallel detections its share of the cores for a block."""
+    """Give each of some parallel detections its share of the cores for a block.
+
+    One core is left to the rest of the centre: a network whose threads wait for a core that others
+    need is slower than with one thread less."""
     torch = sys.modules.get("torch")  # loaded by detectors that need it
     if torch is None:
         yield
         return
     threads = torch.get_num_threads()
-    torch.set_num_threads(max(1, threads // parallel))
+    torch.set_num_threads(max(1, (threads - 1) // parallel))
     try:
         yield
     finally:
@@ -187,7 +190,10 @@ def _configure(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
     return replace(
         parts,
         detection=replace(
-            parts.detection, detect_every=config.detect_every, parallel=config.parallel
+            parts.detection,
+            detect_every=config.detect_every,
+            parallel=config.parallel,
+            deadline_s=config.deadline_s,
         ),
         setups=config.setups,
         output=config.output,

@@ -141,7 +141,7 @@ def _list_row(conflict: "Conflict") -> StreetRow:
 
 
 def _describe(result: StreetRow) -> str:
-    """Text of conflicts: number, shares, and the shortest ones."""
+    """Text of conflicts: their number, shares found and false, and the shortest PETs."""
     rows = result["conflicts"]
     text = (
         f"{result['site']}: {len(rows)} conflicts with a PET of at most {result['max_pet_s']:g} s "
@@ -159,5 +159,7 @@ def _describe(result: StreetRow) -> str:
         lines.append("; ".join(figures))
     shortest = sorted(rows, key=lambda row: float(row["pet_s"]))[:MAX_LISTED_CONFLICTS]
     if shortest:
+        # the first three columns are texts
         lines.append(align_rows(_COLUMNS, shortest, texts=3))
+    # results of a stretch with rays have the same keys, so this function describes them too
     return "\n".join(lines + describe_stretch(result, _describe))

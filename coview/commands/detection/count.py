@@ -149,6 +149,7 @@ class _CountedStreet(NamedTuple):
             errors = compare_counts(self.measured, self.true)
             movements = [_list_error(error) for error in errors]
             for queue in self.true.queues:
+                # an entry at which no queue was measured
                 empty_queue = {"entry": queue.entry, "mean": 0.0, "longest": 0}
                 row = queues.setdefault(queue.entry, empty_queue)
                 row |= {"true_mean": queue.mean, "true_longest": queue.longest}
@@ -170,6 +171,7 @@ class _CountedStreet(NamedTuple):
         site = self.street.site
         bearings = []
         for arm in self.arms:
+            # from the middle of the junction
             direction_x, direction_y = arm.direction
             bearing = bearing_deg(site, float(np.arctan2(direction_y, direction_x)))
             bearings.append(ArmBearing(arm.name, bearing))
@@ -219,6 +221,7 @@ def _describe(result: StreetRow) -> str:
 
 def _describe_total(row: StreetRow) -> str:
     """Line of a group of classes; figures without road users are left out."""
+    # `describe_count` adds the s of the plural
     group = str(row["group"]).removesuffix("s")
     parts = [_describe_number(describe_count(row["count"], group), row["speed_km_h"])]
     if "true_count" in row:

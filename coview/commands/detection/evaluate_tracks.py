@@ -75,13 +75,15 @@ def evaluate_track_file(
 
 def _check_track_options(subject: Subject, rules: "Rules") -> None:
     """Raise ValueError for options that do not go with --tracks."""
-    # the options of each group that go with --tracks; all others must have their defaults
-    for group, allowed in ((subject, ("tracks",)), (rules, SCORING)):
+    # names of the options of each group that go with --tracks; all others must have their defaults
+    for group, allowed_names in ((subject, ("tracks",)), (rules, SCORING)):
         default_options = type(group)()
         for option in fields(group):
             name = option.name
-            if name not in allowed and getattr(group, name) != getattr(default_options, name):
+            is_default = getattr(group, name) == getattr(default_options, name)
+            if name not in allowed_names and not is_default:
                 raise ValueError(f"--{name} does not go with --tracks: leave it out")
+    # only the rate of the link may be set
     if replace(rules.link, rate=None) != type(rules.link)():
         raise ValueError("--codec and --step do not go with --tracks: leave them out")
     if rules.protocol == "published":

@@ -48,9 +48,10 @@ class Changes:
     """Sensor that fails; may be repeated."""
 
     def apply(self, planner: "LivePlanner") -> None:
-        """Make the changes.
+        """Make the changes of the command line in the planner's variant.
 
-        Raises ValueError for an unknown sensor or pole, and for a pole without room."""
+        Sensors are removed first, then turned, raised, carried to other poles and added; failures
+        come last. Raises ValueError for an unknown sensor or pole, and for a pole without room."""
         from placement_env.live.directions import parse_heading, parse_height, parse_tilt
 
         yard = planner.yard

@@ -22,6 +22,7 @@ import numpy as np
 
 from models import load_detector
 from models.detector import VoxelNetDetector
+from tests.benchmarks.figures import SITE_TITLES, record
 from tests.benchmarks.models.way_intervals import PooledHits, collect_hits, interval, measure_ap
 from toolkit.boxes import iou_3d
 from toolkit.datasets.recording_views import ReadRecording, Reads
@@ -59,6 +60,7 @@ HOTA_TARGETS = {
     ("roundabout", "typical"): 0.86,
 }
 MAX_LIVE_HOTA_LOSS = 0.015
+CLASS_TITLES = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians"}
 KINDS = ("single frames", "live", "offline")
 FACES_BY_SORT = {"end": [0, 1], "side": [2, 3], "top": [4]}
 MIN_FACE_IOU = 0.5  # of a track whose faces are compared with the object's
@@ -213,19 +215,23 @@ def print_class_rows(site: str, errors: str, runs: Sequence[Run]) -> None:
             continue
         targets = TARGETS.get((site, errors, label), ("", ""))
         cells = []
+        bare_cells = []
         false_alarms = []
         for kind in range(len(KINDS)):
             aps = []
+            bare_aps = []
             for threshold in thresholds:
                 parts = [
                     collect_hits(run.found[kind], run.truths, number, threshold) for run in runs
                 ]
                 hits = PooledHits.pool(parts)
                 low, high = interval(hits)
-                aps.append(f"{measure_ap(hits):.3f} ({low:.3f}-{high:.3f})")
+                bare_aps.append(f"{measure_ap(hits):.3f}")
+                aps.append(f"{bare_aps[-1]} ({low:.3f}-{high:.3f})")
                 if threshold == thresholds[0]:
                     false_alarms.append(f"{(hits.ways < 0).sum() / frames:.2f}")
             cells.append(" ".join(aps))
+            bare_cells.append("/".join(bare_aps))
         ious = "/".join(f"{threshold:g}" for threshold in thresholds)
         print_row(name, f"{label} AP {ious}", cells[0], cells[1], targets[0], cells[2], targets[1])
         print_row(
@@ -242,6 +248,11 @@ def print_class_rows(site: str, errors: str, runs: Sequence[Run]) -> None:
         live_must = "" if must is None else f"{must - MAX_LIVE_HOTA_LOSS:.3f}"
         offline_must = "" if must is None else f"{must:.2f}"
         print_row(name, f"{label} HOTA", "", hota[0], live_must, hota[1], offline_must)
+        if label in CLASS_TITLES:
+            row = f"{SITE_TITLES.get(site, Path(site).stem)}, `{errors}`, {CLASS_TITLES[label]}"
+            hota_cell = ", ".join(text.split()[0] for text in hota)
+            network = "`general+bg`" if Path(site).exists() else "`site`"
+            record("tracks", row, [*bare_cells, hota_cell], network)
 
 
 def format_hota(runs: Sequence[Run], kind: int, label: str) -> str:

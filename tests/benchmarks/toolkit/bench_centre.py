@@ -1,8 +1,8 @@
 """A running centre: latency of every frame at the recording's own pace, faults named, memory.
 
     python tests/benchmarks/toolkit/bench_centre.py [--sites tjunction roundabout] [--frames 1000]
-        [--minutes 0] [--detect-every 1] [--parallel 2] [--no-pace] [--no-faults] [--threads] [--plot latency.png]
-        [--folder recordings]
+        [--minutes 0] [--detect-every 1] [--parallel 1] [--deadline 0.1] [--no-pace] [--no-faults]
+        [--threads] [--plot latency.png] [--folder recordings]
 
 Street traffic is simulated at 10 Hz at the T-junction and at 5 Hz at the roundabout, unless the
 folder has it. It is replayed at its own pace through `coview run`'s parts with the site's network,
@@ -10,10 +10,10 @@ its background, and tracks written to MCAP. Then a sensor falls silent, one is d
 by 300 ms, and one is turned by 2 degrees about each axis, each in a run of its own.
 
 --minutes repeats the recording for so long, for the growth of memory. --detect-every 2 detects in
-every second frame, and so on; the centre chooses it when left out. --parallel 2 detects in two
-frames at the same time. --threads reads the recording by
-a thread of the centre's process instead of a process, to see what that is for. Times depend on what
-else the machine does, and on OMP_NUM_THREADS.
+every second frame, and so on. --parallel 2 detects in two frames at the same time. --deadline is
+the time (s) after which a frame is out without its detections; 10 waits for them. --threads reads
+the recording by a thread of the centre's process instead of a process, to see what that is for.
+Times depend on what else the machine does, and on OMP_NUM_THREADS.
 """
 
 import argparse
@@ -28,9 +28,10 @@ from threading import Event
 import numpy as np
 
 from coview.commands.detection.centre_parts import open_centre
-from tests.benchmarks.figures import record
+from tests.benchmarks.figures import SITE_TITLES, record
 from toolkit.centre.centre_config import CentreConfig, InputConfig, OutputConfig
 from toolkit.centre.centre_run import run_centre
+from toolkit.centre.detection_pool import DEADLINE_S
 from toolkit.centre.health import HealthLog, read_memory_mb
 from toolkit.centre.input_pumps import read_in_thread
 from toolkit.centre.recording_input import RecordingInput
@@ -45,7 +46,6 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 INTERVALS_S = {"tjunction": 0.1, "roundabout": 0.2}
-TITLES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 MAX_LATENCY_MS = 120.0
 MIN_SHARE = 0.995
 SEED = 31
@@ -61,8 +61,9 @@ def main() -> None:
     parser.add_argument("--sites", nargs="+", default=["tjunction", "roundabout"])
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=0.0)
-    parser.add_argument("--detect-every", type=int)
+    parser.add_argument("--detect-every", type=int, default=1)
     parser.add_argument("--parallel", type=int, default=1)
+    parser.add_argument("--deadline", type=float, default=DEADLINE_S)
     parser.add_argument("--no-pace", action="store_true")
     parser.add_argument("--no-faults", action="store_true")
     parser.add_argument("--threads", action="store_true")
@@ -137,7 +138,12 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
         memory_mb.append(read_memory_mb())
 
     config = configure(site, path, {"mcap": folder / f"{site}-tracks"})
-    config = replace(config, detect_every=options.detect_every, parallel=options.parallel)
+    config = replace(
+        config,
+        detect_every=options.detect_every,
+        parallel=options.parallel,
+        deadline_s=options.deadline,
+    )
     with open_centre(config) as parts:
         if options.minutes:
             (recorded,) = parts.inputs
@@ -154,12 +160,14 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
     verdict = "" if in_time >= MIN_SHARE and not figures["dropped_frames"] else "  MISSED"
     print(
         f"{site}: {figures['frames']} of {expected} frames out, {figures['dropped_frames']} "
-        f"dropped, {figures['predicted_frames']} with predicted tracks, {100 * in_time:.2f} % "
-        f"within {MAX_LATENCY_MS:g} ms{verdict}"
+        f"dropped, {figures['predicted_frames']} with predicted tracks "
+        f"({figures['late_detections']} detected later), {100 * in_time:.2f} % within "
+        f"{MAX_LATENCY_MS:g} ms{verdict}"
     )
     for stage, row in figures["ms"].items():
         print(
-            f"  {stage:8} median {row['median']:6.1f}  p95 {row['p95']:6.1f}  p99 {row['p99']:6.1f}"
+            f"  {stage:13} median {row['median']:6.1f}  p95 {row['p95']:6.1f}  p99 "
+            f"{row['p99']:6.1f}"
         )
     tenth = max(1, len(memory_mb) // 10)
     hours = parts.interval_s * np.arange(len(memory_mb)) / 3600
@@ -173,11 +181,12 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
     cells = [
         f"{figures['frames']}/{expected}",
         f"{figures['predicted_frames']}",
+        f"{figures['late_detections']}",
         f"{100 * in_time:.1f} %",
         "/".join(f"{latency_ms[name]:.0f}" for name in ("median", "p95", "p99")),
         f"{figures['ms']['detect']['median']:.0f}",
     ]
-    record("centre", f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz", cells, network="`site`")
+    record("centre", f"{SITE_TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz", cells, network="`site`")
     return latencies
 
 
@@ -330,7 +339,7 @@ def plot_latencies(latencies: dict[str, list[float]], out: Path) -> None:
         axes.set_xlabel("latency (ms)")
         axes.set_ylabel("frames that are out (%)")
         names = [
-            f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz, {len(values):,} frames"
+            f"{SITE_TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz, {len(values):,} frames"
             for site, values in latencies.items()
         ]
         name_curves(axes, names)

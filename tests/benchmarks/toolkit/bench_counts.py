@@ -19,6 +19,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from coview.commands.detection.street import StreetDemand, choose_flow, simulate_street
+from tests.benchmarks.figures import SITE_TITLES, record
 from toolkit.counting.arms import find_arms
 from toolkit.counting.conflicts import ConflictMatches, find_conflicts, match_conflicts
 from toolkit.counting.counts import (
@@ -118,6 +119,7 @@ def main() -> None:
             outcome = count_hour(site, seed, options.hours, options.busier)
             outcomes.append(outcome)
             print_counts(outcome)
+            record_hour(outcome)
         print_conflicts(site, [outcome.matches for outcome in outcomes])
 
 
@@ -253,6 +255,29 @@ def print_counts(outcome: Outcome) -> None:
     wrong = [describe_movement(error) for error in errors if is_wrong(error)]
     must = f"{MAX_MOVEMENT_ERROR:.0%} or {MAX_MOVEMENT_TRIPS}"
     print_row(name, "movements", len(errors), "", f"{len(wrong)} wrong {wrong}", must)
+
+
+def record_hour(outcome: Outcome) -> None:
+    """Record the counts and conflicts of an hour for the documentation."""
+    cells = []
+    for labels in GROUPS.values():
+        count = outcome.counts.total(*labels)
+        cells.append(f"{count} of {outcome.truth.total(*labels)}")
+    errors = compare_counts(outcome.counts, outcome.truth)
+    wrong_count = sum(is_wrong(error) for error in errors)
+    matches = outcome.matches
+    vehicles = GROUPS["vehicles"]
+    speed_error = outcome.counts.mean_speed(*vehicles) - outcome.truth.mean_speed(*vehicles)
+    recall = matches.detected / max(1, matches.true)
+    precision = matches.right / max(1, matches.found)
+    pet_error_s = np.quantile(np.abs(matches.pet_errors_s), 0.95) if matches.detected else np.nan
+    cells += [
+        f"{wrong_count} of {len(errors)}",
+        f"{speed_error:+.2f} km/h",
+        f"{recall:.3f}, {precision:.3f} of {matches.true}",
+        f"{pet_error_s:.2f} s",
+    ]
+    record("counts", f"{SITE_TITLES[outcome.site]}, seed {outcome.seed}", cells)
 
 
 def is_wrong(error: CountError) -> bool:

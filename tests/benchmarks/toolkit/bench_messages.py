@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from examples.differences.messages import DifferenceReader, DifferenceSender
-from tests.benchmarks.figures import record
 from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.calibration.recording_scenes import Scenes
 from toolkit.calibration.scene_files import load_empty_scenes, save_empty_scenes
@@ -156,7 +155,6 @@ def print_bytes(folder: Path) -> None:
         f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} "
         f"{'ms':>6s} {'95 %':>6s}"
     )
-    shown: dict[str, list[str]] = {}
     for site in SITES:
         rows = list(as_rows(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))
         if not rows:
@@ -183,14 +181,6 @@ def print_bytes(folder: Path) -> None:
             print(
                 f"{name:32s} {len(rows):6d} {spread} {(sizes <= PACKET_BYTES).mean():10.4f} {took}"
             )
-            interval = f"{kbit.mean():.2f} ({low:.2f}–{high:.2f})"
-            cells = [interval, f"{(sizes <= PACKET_BYTES).mean():.1%}".replace("%", " %")]
-            shown.setdefault(name, []).extend(cells)
-    for name, cells in shown.items():
-        scheme, _, step = name.partition(" ")
-        is_shown = scheme == "foreground" and not step.startswith(("4", "8"))
-        if is_shown and len(cells) == 2 * len(SITES):
-            record("messages", step, cells)
 
 
 def as_rows(path: Path) -> Iterator[dict[str, Any]]:

@@ -3,6 +3,9 @@
 import socket
 from collections import Counter
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ import pytest
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.place import Place
 from toolkit.calibration.recording_scenes import LearntScene
-from toolkit.centre.detection_pool import Detection
+from toolkit.centre.detection_pool import Detection, DetectionPool
 from toolkit.centre.pace import PaceEvent
 from toolkit.centre.packet_port import PacketPort
 from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentre
@@ -37,24 +40,70 @@ class ManualClock:
 
     speed = 1.0
 
-    def __init__(self, time_s: float = 0.0) -> None:
+    def __init__(self, time_s: float = 0.0, speed: float = 1.0) -> None:
         self.time_s = time_s
+        self.speed = speed
+        self._alarms: list[tuple[float, Callable[[], None]]] = []
 
     def now(self) -> float:
         return self.time_s
 
     def wait(self, time_s: float, stop: object) -> None:
+        self.move(time_s)
+
+    def ring(self, time_s: float, call: Callable[[], None]) -> None:
+        """Call at a time."""
+        self._alarms.append((time_s, call))
+        self._alarms.sort(key=lambda alarm: alarm[0])
+
+    def move(self, time_s: float) -> None:
+        """Show a time that is not before the present one, or that of an alarm before it."""
+        if self._alarms:
+            time_s = min(time_s, self._alarms[0][0])
         self.time_s = max(self.time_s, time_s)
+        while self._alarms and self._alarms[0][0] <= self.time_s:
+            self._alarms.pop(0)[1]()
+
+
+class ManualThreads(Executor):
+    """Threads whose work takes a time of a manual clock.
+
+    detect_s: seconds that each detection takes, in the order of frames; the last one goes on."""
+
+    def __init__(self, clock: ManualClock, detect_s: Sequence[float]) -> None:
+        self._clock = clock
+        self._detect_s = list(detect_s)
+
+    def submit(self, detect, /, *arguments, **options):  # type: ignore[no-untyped-def]
+        future = Future()
+        detect_s = self._detect_s[0] / self._clock.speed
+        if len(self._detect_s) > 1:
+            self._detect_s.pop(0)
+        try:
+            result = detect(*arguments, **options)
+        except ZeroDivisionError as error:
+            finish = partial(future.set_exception, error)
+        else:
+            stand = replace(result.stand, ms=0.0)
+            result = replace(result, stand=stand, detect_ms=1e3 * detect_s, fuse_ms=0.0)
+            finish = partial(future.set_result, result)
+        if detect_s:
+            self._clock.ring(self._clock.time_s + detect_s * self._clock.speed, finish)
+        else:
+            finish()
+        return future
 
 
 class ScriptedSource:
     """Messages that arrive at their time on a manual clock, which a wait moves on."""
 
-    def __init__(self, messages: Sequence[SensorMessage], clock: ManualClock) -> None:
+    def __init__(
+        self, messages: Sequence[SensorMessage], clock: ManualClock, tail_s: float = 1.0
+    ) -> None:
         self.drops: Counter[str] = Counter()
         self._messages = sorted(messages, key=lambda message: message.arrival_s)
         self._clock = clock
-        self._end_s = self._messages[-1].arrival_s + 1.0
+        self._end_s = self._messages[-1].arrival_s + tail_s
 
     def wake(self) -> None:
         """Nothing to do, as nobody waits on a manual clock."""
@@ -63,10 +112,13 @@ class ScriptedSource:
         if self._clock.time_s > self._end_s:
             return None
         next_s = self._messages[0].arrival_s if self._messages else np.inf
-        self._clock.time_s = max(self._clock.time_s, min(next_s, self._clock.time_s + wait_s))
+        self._clock.move(min(next_s, self._clock.time_s + wait_s * self._clock.speed))
         now = [m for m in self._messages if m.arrival_s <= self._clock.time_s + 1e-9]
         self._messages = self._messages[len(now) :]
         return now
+
+    def rest(self, wait_s: float) -> None:
+        self._clock.move(self._clock.time_s + wait_s * self._clock.speed)
 
 
 def measure(name: str, k: int, image: np.ndarray = EMPTY, delay_s: float = 0.0) -> SensorMessage:
@@ -81,7 +133,10 @@ def nobody(points: np.ndarray) -> Detections:
 
 
 class Run:
-    """Frames and events of a centre over scripted messages."""
+    """Frames and events of a centre over scripted messages.
+
+    detect_s: seconds that a detection takes, of all frames or of one after the other; tail_s:
+    seconds from the last message to the end of the source."""
 
     def __init__(
         self,
@@ -89,10 +144,13 @@ class Run:
         detector: Callable[[np.ndarray], Detections] = nobody,
         clock: ManualClock | None = None,
         patience_s: float = 0.05,
-        detect_every: int | None = None,
-        parallel: int = 1,
+        detect_s: float | Sequence[float] = 0.0,
+        tail_s: float = 1.0,
+        deadline_s: float = 0.09,
+        **detection: int,
     ) -> None:
         clock = clock or ManualClock()
+        times_s = [detect_s] if isinstance(detect_s, int | float) else detect_s
         self.events: list[FaultEvent] = []
         self.pace_events: list[PaceEvent] = []
         scenes = {
@@ -101,21 +159,19 @@ class Run:
         }
         self.written: list[float] = []
         self.synchroniser = Synchroniser(INTERVAL_S, patience_s)
+        place = Place("none", area=(-20.0, -20.0, 20.0, 20.0))
+        settings = Detection(detector, place, deadline_s=deadline_s, **detection)
         self.centre = RunningCentre(
             SENSORS,
-            Detection(
-                detector,
-                Place("none", area=(-20.0, -20.0, 20.0, 20.0)),
-                detect_every=detect_every,
-                parallel=parallel,
-            ),
+            DetectionPool(settings, threads=ManualThreads(clock, times_s)),
             synchroniser=self.synchroniser,
             watch=SensorWatch(SENSORS, start_s=0.0, interval_s=INTERVAL_S, scenes=scenes),
             clock=clock,
             write=lambda instant: self.written.append(instant.time_s),
             tick=self._take_events,
         )
-        self.frames: list[CentreFrame] = list(self.centre.run(ScriptedSource(messages, clock)))
+        source = ScriptedSource(messages, clock, tail_s)
+        self.frames: list[CentreFrame] = list(self.centre.run(source))
 
     def _take_events(self, now_s: float, events: list[CentreEvent]) -> None:
         for event in events:

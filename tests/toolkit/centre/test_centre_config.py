@@ -17,6 +17,7 @@ coview_run = 1
 detector = "tjunction+background"
 detect_every = 2
 parallel = 3
+deadline_s = 0.05
 [[input]]
 kind = "velodyne"
 name = "north"
@@ -65,7 +66,7 @@ def test_a_small_configuration_has_the_usual_values(tmp_path):
     assert config.detector == "general"
     assert config.place == Place(still=True)
     assert (config.speed, config.interval_s, config.page_port) == (1.0, None, None)
-    assert config.detect_every is None
+    assert (config.detect_every, config.parallel, config.deadline_s) == (1, 1, 0.1)
     assert config.output.folders == {}
 
 
@@ -78,6 +79,7 @@ def test_every_key_is_read(tmp_path):
     ]
     assert config.inputs[2].metadata == tmp_path / "east.json"
     assert (config.interval_s, config.detect_every, config.parallel) == (0.2, 2, 3)
+    assert config.deadline_s == 0.05
     north = config.setups["north"]
     assert np.array_equal(north.pose[:3, 3], [5, 0, 6])
     assert north.clock_offset_s == 0.02
@@ -99,6 +101,12 @@ def test_every_key_is_read(tmp_path):
             "coview_run = 1",
             "coview_run = 1\ndetect_every = 0",
             "detect_every must be a whole number from 1 to 10",
+        ),
+        ("coview_run = 1", "coview_run = 1\ndeadline_s = 11", "deadline_s must be from 0 to 10"),
+        (
+            "coview_run = 1",
+            "coview_run = 1\ndeadline_s = inf",
+            "deadline_s must be a finite number",
         ),
         ('kind = "recording"', 'kind = "bag"', "input\\[0\\].kind must be one of recording"),
         ('path = "street.hdf5"', "", "input\\[0\\].path is missing"),

@@ -1,5 +1,7 @@
 """The page of a centre: what it draws, and what it writes next to it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,12 @@ def test_the_text_names_who_fails():
     assert "83 ms" in text
     assert r"north\_1: shifted" in text
     assert "south: works" in text
+
+
+def test_the_text_names_predicted_tracks():
+    predicted = replace(centre_frame(), detections=None, detection_age_s=0.1)
+    assert "predicted from detections 100 ms before" in describe_centre_frame(predicted, ())
+    assert "predicted" not in describe_centre_frame(centre_frame(), ())
 
 
 def test_a_frame_is_drawn_and_replaced():

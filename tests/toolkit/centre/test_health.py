@@ -1,14 +1,17 @@
 """Lines of health: one every few seconds, each whole."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from toolkit.calibration.place import Stand
 from toolkit.centre.health import HealthLog, read_memory_mb
 from toolkit.centre.running_centre import CentreFrame, LeftOut
 from toolkit.centre.sensor_monitor import Fault
 from toolkit.centre.sensor_watch import FaultEvent
+from toolkit.detection.detect import FrameDetections
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
 from toolkit.tracking.tracks import Tracks
@@ -53,6 +56,20 @@ def test_the_summary_is_of_the_whole_run_and_counts_faults():
     assert summary["frames"] == 100
     assert summary["faults"] == {"a silent": 2}
     assert log.times.summarise()["latency"]["median"] == 49.5
+    log.close()
+
+
+def test_times_of_late_detections_count_with_the_others():
+    log = HealthLog(None)
+    stand = Stand(np.array([-1.0, -1.0, 1.0, 1.0]), np.zeros(2))
+    late = FrameDetections(FRAME, Detections.empty(), stand, detect_ms=95.0)
+    log.add(replace(frame(80.0), detection_age_s=0.1, late_detections=(late,)))
+    log.add(replace(frame(80.0), detection_age_s=0.0))
+    times = log.times.summarise()
+    assert times["detect"]["median"] == 40.0
+    assert times["detect"]["p99"] > 90.0
+    assert times["detection_age"]["median"] == 50.0
+    assert LeftOut(1, {}, {}, predicted=3, late_detections=2).as_dict()["late_detections"] == 2
     log.close()
 
 

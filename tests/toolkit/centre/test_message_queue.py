@@ -75,6 +75,19 @@ def test_who_waits_is_woken():
     thread.join()
 
 
+def test_a_rest_ends_when_woken_and_leaves_messages():
+    queue = MessageQueue(Event())
+    queue.put(message(0))
+    queue.close()
+    thread = Thread(target=queue.wake)
+    thread.start()
+    queue.rest(20.0)
+    thread.join()
+    queue.wake()  # before the next rest
+    queue.rest(20.0)
+    assert len(queue.take(0.0)) == 1
+
+
 def drain(queue):
     received = []
     while (messages := queue.take(0.2)) is not None:

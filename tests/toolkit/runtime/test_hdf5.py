@@ -35,6 +35,22 @@ def file(tmp_path):
         yield made
 
 
+@pytest.mark.parametrize("libver", ["earliest", "v108", "v110"])
+def test_a_file_that_is_cut_off_tells_its_whole_size(tmp_path, libver):
+    path = tmp_path / "cut.hdf5"
+    with h5py.File(path, "w", libver=libver) as made:
+        made["numbers"] = np.arange(1000)
+    content = path.read_bytes()
+    path.write_bytes(content[:500])
+    with pytest.raises(OSError, match=f"is cut off: 500 of {len(content)} bytes"):
+        hdf5.open_hdf5(path)
+    if content[8] == 0:  # version 1 has one number of 2 bytes more, and two reserved bytes
+        longer = content[:8] + b"\1" + content[9:24] + b"\x20\0\0\0" + content[24:]
+        path.write_bytes(longer[:500])
+        with pytest.raises(OSError, match=f"is cut off: 500 of {len(content)} bytes"):
+            hdf5.open_hdf5(path)
+
+
 def test_what_is_sound_is_read_and_faults_of_h5py_are_of_reading(file):
     np.testing.assert_array_equal(hdf5.array(file, "numbers", axes=2), np.arange(6.0).reshape(2, 3))
     np.testing.assert_array_equal(hdf5.rows(hdf5.dataset(file, "numbers"), "numbers", 1), [3, 4, 5])

@@ -298,16 +298,18 @@ def _offsets_s(cloud: SensorCloud, start_s: float) -> np.ndarray:
 
 
 def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
-    """Columns of a sweep's file with the points of all clouds. start_s: time of the sweep (s)."""
+    """Columns of a sweep's file with the points of all clouds, in the frame of the world.
+
+    start_s: time of the sweep (s)."""
     point_counts = [len(cloud.points) for cloud in sample.clouds]
     offsets_s = [_offsets_s(cloud, start_s) for cloud in sample.clouds]
     intensities = [cloud_records.get_intensity(cloud) for cloud in sample.clouds]
     # all points of a lidar get its first laser
-    lasers = [lasers.start for lasers in LASERS.values()][: len(point_counts)]
+    first_lasers = [lasers.start for lasers in LASERS.values()][: len(point_counts)]
     return {
         **dict(zip("xyz", sample.points().T.astype(np.float32), strict=True)),
         "intensity": np.concatenate([np.zeros(0, np.float32), *intensities]),
-        "laser_number": np.repeat(lasers, point_counts).astype(np.uint8),
+        "laser_number": np.repeat(first_lasers, point_counts).astype(np.uint8),
         "offset_ns": _fit_offsets(np.concatenate([np.zeros(0), *offsets_s])),
     }
 
@@ -328,7 +330,9 @@ def _fit_offsets(offsets_s: Float64[np.ndarray, " n"]) -> Int32[np.ndarray, " n"
 
 
 def _format_labels(sample: Frame, stamp_ns: int) -> dict[str, np.ndarray]:
-    """Columns of the table of labels with a row for each object of a frame."""
+    """Columns of the table of labels with a row for each object of a frame.
+
+    stamp_ns: time of the frame."""
     boxes = sample.objects.boxes
     centre_columns, size_columns = boxes[:, :3].T, boxes[:, 3:6].T
     yaw = boxes[:, 6]

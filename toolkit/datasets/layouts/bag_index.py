@@ -126,7 +126,9 @@ def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
 
 
 def _parse_links(path: Path, message: BagMessage) -> list[TransformLink]:
-    """Parse the transforms of one message of tf. path: the bag, for errors."""
+    """Parse the transforms of one message of tf, from a child frame to its parent each.
+
+    path: the bag, for errors."""
     is_static = message.topic.rstrip("/").endswith("tf_static")
     with name_bag_damage(path):
         content = message.parse()

@@ -365,6 +365,7 @@ def write_dair(samples: Iterable[Frame], folder: Path) -> None:
         name = f"{number:06d}"
         cloud = cloud_records.one_cloud(sample)
         cloud_records.write_cloud(folder / "velodyne" / f"{name}.pcd", cloud)
+        # NaN if the time is unknown
         seconds = frame_times.cloud_time(cloud, sample.time)
         if np.isfinite(seconds):
             microseconds = str(round(seconds * 1e6))

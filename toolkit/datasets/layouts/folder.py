@@ -178,8 +178,10 @@ class _Loader:
 
     def __call__(self, name: str) -> Frame:
         """Read the frame of a name: its clouds, and the labels under the name of a cloud."""
+        # a cloud's file by the name of its sensor
         files = self.names[name]
         problems = problem_kinds.Problems()
+        # names of the frame's clouds that have labels
         label_names = [stem for stem in map(_stem, files.values()) if stem in self.entries]
         problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < self.sensors))
         problem_kinds.add_problem(problems, BY_ORDER, int(self.by_order))
@@ -190,21 +192,22 @@ class _Loader:
         stated_time, stated_stamps = self.times.get(label_name, (None, {}))
         clouds = []
         for sensor, file in files.items():
-            epoch_s = find_epoch(_stem(file))  # a file name that is a time counts most
+            # a file name that is a time counts most
+            cloud_epoch_s = find_epoch(_stem(file))
             cloud = cloud_records.read_cloud(
                 file,
                 sensor,
                 _find_pose(self.poses, sensor, _stem(file)),
                 problems,
-                stamp_s=stated_stamps.get(sensor) if epoch_s is None else epoch_s,
+                stamp_s=stated_stamps.get(sensor) if cloud_epoch_s is None else cloud_epoch_s,
                 middles=self.middles,
             )
             clouds.append(cloud)
         labels = frame_labels.no_labels()
         if label_name in self.entries:
             labels = box_files.parse_objects(self.labels, self.entries[label_name], problems)
-        epoch_s = find_epoch(name)
-        time = stated_time if epoch_s is None else epoch_s
+        frame_epoch_s = find_epoch(name)
+        time = stated_time if frame_epoch_s is None else frame_epoch_s
         frame_time = float("nan") if time is None else time
         # labels: objects, categories, counts, others
         return Frame.of_clouds(name, clouds, *labels, time=frame_time, problems=problems)
@@ -212,6 +215,7 @@ class _Loader:
 
 def _find_remedy(path: Path) -> str:
     """Words on what to do with a folder without clouds, judging by its content."""
+    # files of recordings, and folders that are a ROS 2 bag
     recordings = sorted(entry for pattern in RECORDED for entry in path.glob(pattern))
     recordings += [entry.parent for entry in sorted(path.glob("*/metadata.yaml"))]
     if recordings:
@@ -353,6 +357,7 @@ def write_folder(samples: Iterable[Frame], path: Path) -> None:
     Poses are lines of poses.txt, or poses.json if the name of a sensor would not be one word
     there."""
     entries = []
+    # by SENSOR/NAME: upper 3 x 4 part of world_SE3_sensor, row by row
     poses = dict[str, list[float]]()
     for k, sample in enumerate(samples):
         name = f"{k:06d}"

@@ -85,13 +85,16 @@ def foxglove(path: Path) -> listing.Listing:
     if not index.clouds:
         raise ValueError(f"{file} holds no {POINT_CLOUD}, so there are no clouds to read")
     tree = TransformTree.from_links(index.links)
+    # times of each topic's clouds (s) since the first of all
     start_ns = min(key.stamp_ns for keys in index.clouds.values() for key in keys)
     times = {}
     for topic, keys in index.clouds.items():
         times[topic] = np.array([(key.stamp_ns - start_ns) / NS_PER_S for key in keys])
+    # keys of the clouds of each frame, by its name
     groups = {}
     for number, group in enumerate(group_by_time(times)):
         groups[f"{number:06d}"] = [index.clouds[topic][row] for topic, row in group.items()]
+    # without transforms, clouds that share one coordinate frame are placed already
     is_one_frame = len(index.frames) == 1 and not index.links
     source = _Source(file, topic_count=len(index.clouds), tree=tree, is_one_frame=is_one_frame)
     load = partial(_load, source, groups)
@@ -286,7 +289,10 @@ def _place(
 
 
 def parse_fields(message: _Message) -> dict[str, np.ndarray]:
-    """Return the columns of a PointCloud by name. Raises ValueError for a malformed one."""
+    """Return the columns of a PointCloud by name. Raises ValueError for a malformed one.
+
+    Fields may overlap or leave gaps; x, y and z must be among them."""
+    # bytes of a point
     stride = int(message.point_stride)
     size = len(message.data)
     check_unpacked(size, MAX_CLOUD_BYTES)
@@ -309,6 +315,7 @@ def parse_fields(message: _Message) -> dict[str, np.ndarray]:
     offsets = [int(entry.offset) for entry in message.fields]
     point = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": stride})
     table = np.frombuffer(message.data, point)
+    # copies in the byte order of this machine
     columns = {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name in names}
     if not {"x", "y", "z"} <= columns.keys():
         raise ValueError(f"a cloud has no x, y and z, but {', '.join(names) or 'no fields'}")

@@ -86,7 +86,9 @@ def _load(path: Path, numbers: Mapping[str, int], name: str) -> Frame:
 
 
 def _read_frame(file: h5py.File, path: str, name: str) -> Frame:
-    """Read a frame. path: path of its group in the file; name: name of the frame."""
+    """Read a frame. Raises ValueError for damaged values.
+
+    path: path of its group in the file; name: name of the frame."""
     about = parse_json(reader.text(file, f"{path}/about"))
     sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))
     clouds = tuple(_read_cloud(file, f"{path}/clouds/{k}", sensor) for k, sensor in sensors)
@@ -128,7 +130,8 @@ def _read_cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
     if points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"{path}/points must be finite, 3 to a row, got shape {points.shape}")
     columns: dict[str, np.ndarray] = {}
-    # name, type in the cloud, and NumPy kinds of types that the file may have
+    # name, type in the cloud, and NumPy kinds of types that the file may have: f floats, i and u
+    # whole numbers
     for name, dtype, kinds in (
         ("time", np.float64, "fiu"),
         ("intensity", np.float32, "fiu"),

@@ -51,7 +51,7 @@ _KITTI_KINDS = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist"
 
 
 def kitti(path: Path) -> listing.Listing:
-    """Open a folder of KITTI's as a recording, whose frames are read on demand.
+    """Open a folder in the layout of KITTI as a recording, whose frames are read on demand.
 
     Raises FileNotFoundError for any other folder."""
     candidates = (path, path / "training", path / "testing")
@@ -141,8 +141,12 @@ class LabelledView(NamedTuple):
     def frame(
         self, name: str, cloud: SensorCloud, labels: LabelRows, problems: problem_kinds.Problems
     ) -> Frame:
-        """Return the frame of a cloud and its labels; counts are added to `problems`."""
+        """Return the frame of a cloud and its labels; counts are added to `problems`.
+
+        The world is the frame of the lidar. labels: rows of a file, whose boxes are in the frame of
+        the camera. Objects beyond the camera's view are unlabelled."""
         calibration = self.calibration
+        # the numbers of a row behind its class
         values = labels.values
         is_real = np.array([kind != DONT_CARE for kind in labels.kinds], bool)
         ids = None
@@ -155,7 +159,10 @@ class LabelledView(NamedTuple):
         labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
         width, height = self.size_px
         # left, top, right, bottom (px) of the rectangles without labels
-        ignored_rectangles = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
+        ignored_rectangles = tuple(
+            (left, top, right, bottom)
+            for left, top, right, bottom in values[~is_real, 3:7].tolist()
+        )
         projection = calibration.projection @ calibration.camera_SE3_lidar
         wedge = ImageWedge(projection, width, height, ignored_rectangles)
         if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
@@ -212,7 +219,8 @@ class KittiCalibration(NamedTuple):
 
 def _parse_calibration(text: str) -> KittiCalibration:
     """Parse the text of a calibration file; ValueError if an entry is missing or damaged."""
-    entries = {}  # the numbers of each line, as text, by its first word
+    # the numbers of each line, as text, by its first word, which has other names in some files
+    entries = {}
     for line in text.splitlines():
         if line.strip():
             words = line.split()
@@ -262,6 +270,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
         write_bytes(training / "velodyne" / f"{name}.bin", cloud.tobytes())
         write_text(training / "label_2" / f"{name}.txt", kitti_text(sample))
+        # 3 x 4, from the camera's frame to pixels
         _, projection = _choose_camera(sample.complete)
         # the format has four cameras; all are the same one here
         entries = {f"P{k}": projection for k in range(4)}
@@ -280,10 +289,10 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
 
 
 def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
-    """Format a frame's labels, or its detections with their scores, as label_2 of `write_kitti`.
+    """Format a frame's labels, or its detections with their scores, as lines of KITTI's label_2.
 
-    found: detections instead of the frame's objects. A class that the data set named as KITTI does
-    keeps its name."""
+    found: detections instead of the frame's objects. An object whose category is one of KITTI's
+    keeps that name."""
     wedge, _ = _choose_camera(sample.complete)
     objects = sample.objects if found is None else found
     names = [frame_labels.COMMON_NAMES[LABELS[label]] for label in objects.labels]
@@ -298,7 +307,8 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
         names, objects.boxes, wedge.rectangles(objects.boxes), scores, strict=True
     ):
         lines.append(f"{name} 0 0 {_format_box(box, rectangle)}{score}\n")
-    # regions without labels: type, no truncation, occlusion and angle, rectangle, no box
+    # regions without labels: type; values for no truncation, occlusion and angle; rectangle; values
+    # for no box
     for left, top, right, bottom in wedge.ignored if found is None else ():
         edges = f"{left:.2f} {top:.2f} {right:.2f} {bottom:.2f}"
         lines.append(f"DontCare -1 -1 -10 {edges} -1 -1 -1 -1000 -1000 -1000 -10\n")
@@ -310,10 +320,11 @@ def _format_box(box: Float64[np.ndarray, "7"], rectangle: Float64[np.ndarray, "4
 
     box: world frame; rectangle: its edges in the image (pixels)."""
     centre, yaw = box[:3], box[6]
-    length, width, height = box[3:6].tolist()
+    length, width, height = box[3:6].tolist()  # m
     # in the camera's frame: x to the right, y down, z forward
     x, y, z = transform(_CAMERA, centre[None])[0]
     forward = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
+    # KITTI's ry, about the y axis, 0 along +x
     turn = np.arctan2(-forward[2], forward[0])
     # alpha is the turn against the ray from the camera to the box, from -pi to pi
     ray_turn = np.arctan2(x, z)

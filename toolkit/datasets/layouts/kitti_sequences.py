@@ -75,6 +75,7 @@ def kitti_sequence(path: Path) -> listing.Listing:
     names = tuple(file.stem for file in folders.list_files(sequence.clouds, "*.bin"))
     if not names:
         raise FileNotFoundError(f"{sequence.clouds} holds no *.bin")
+    # number of the frame in the labels, by the name of its cloud
     numbers = {}
     with record_values.name_damage(sequence.clouds, "folder of numbered clouds"):
         for name in names:
@@ -89,6 +90,7 @@ def kitti_sequence(path: Path) -> listing.Listing:
                 "in a camera's frame, add it"
             )
         calibration = read_calibration(sequence.calibration)
+    # labelled frames without a cloud
     strays = set(labels or ()) - set(numbers.values())
     middles = Middles({SENSOR: sequence.clouds / f"{names[0]}.bin"})
     load = partial(_load, sequence, numbers, labels, calibration, middles)
@@ -104,7 +106,9 @@ def find_camera(path: Path) -> Pose:
 
 
 def _find_sequence(path: Path) -> _Sequence:
-    """Return the sequence that a path stands for."""
+    """Return the sequence at a path: velodyne/SEQUENCE itself, or a folder with only one such.
+
+    Raises ValueError for several sequences, and FileNotFoundError for none."""
     if path.parent.name == "velodyne" and any(path.glob("*.bin")):
         return _Sequence(path.parent.parent, path.name)
     for folder in (path, path / "training", path / "testing"):

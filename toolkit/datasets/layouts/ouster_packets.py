@@ -43,6 +43,7 @@ class OusterCapture:
         """Yield the sweeps of all sensors, in order of the capture."""
         from ouster.sdk import core, open_source
 
+        # sweeps so far, by the sensor's name
         counts: Counter[str] = Counter()
         names = dict(zip(self.serials, self.names, strict=True))
         tables: dict[int, Any] = {}  # directions of a sensor's pixels, by its serial number

@@ -52,8 +52,9 @@ class SweepReader:
     def read(self, numbers: Mapping[str, int]) -> list[Sweep]:
         """Return one sweep of each sensor by its number.
 
-        Raises ValueError if the capture has fewer sweeps, as one that was cut off meanwhile."""
-        # a sweep that was passed and not kept: the capture is decoded from its start again
+        numbers: number of the sweep, from 0, for each sensor's name. Raises ValueError if the
+        capture has fewer sweeps, such as one that was cut off meanwhile."""
+        # a sweep was decoded and not kept: the capture is decoded from its start again
         is_behind = any(
             self._count(sensor) > number and (sensor, number) not in self._waiting
             for sensor, number in numbers.items()

@@ -110,6 +110,7 @@ class _Loader:
     def __call__(self, name: str) -> Frame:
         """Read the frame of a name: a sweep of each sensor, with problems counted."""
         problems: Problems = {}
+        # number of the sweep, by sensor
         group = self.groups[name]
         add_problem(problems, UNPAIRED, int(len(group) < self.sensor_count))
         clouds = []

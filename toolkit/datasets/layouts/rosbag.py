@@ -124,12 +124,14 @@ class Bag:
         }
         counts = dict.fromkeys(self.topics, 0)  # messages read so far
         waiting: dict[int, dict[str, BagMessage]] = {}  # clouds by frame number and topic
+        # number of the frame to yield next
         next_frame = 0
         for message in read_messages(self.path, CLOUD):
             if message.topic not in counts:
                 continue
             number = frame_of_cloud.get((message.topic, counts[message.topic]))
             counts[message.topic] += 1
+            # a cloud that is in no frame
             if number is None:
                 continue
             waiting.setdefault(number, {})[message.topic] = message
@@ -157,6 +159,7 @@ class Bag:
                 continue
             stamp = stamp_ns(cloud.header)
             source = clean_frame(cloud.header.frame_id), stamp
+            # two topics with one cloud; a stamp of 0 means that none was set
             add_problem(problems, SAME_SENSOR, int(source in sources and stamp != 0))
             sources.add(source)
             with name_bag_damage(self.path):
@@ -297,7 +300,7 @@ def _make_header(store: RosObject, stamp_ns: int, frame: str) -> RosObject:
 
 
 def make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
-    """Make the transform of a cloud's sensor in the frame "world". store: rosbags' types."""
+    """Make the transform from a cloud's sensor to the frame "world". store: types of rosbags."""
     package = "geometry_msgs/msg"
     w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
     rotation = store.types[f"{package}/Quaternion"](x=x, y=y, z=z, w=w)
@@ -311,7 +314,7 @@ def make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
 
 
 def make_cloud_message(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
-    """Make the PointCloud2 of a cloud, float32 in its sensor's frame. store: rosbags' types."""
+    """Make the PointCloud2 of a cloud, float32 in its sensor's frame. store: types of rosbags."""
     table = np.column_stack([cloud.in_sensor(), get_intensity(cloud)]).astype("<f4")
     make_field = store.types["sensor_msgs/msg/PointField"]
     # four numbers of 4 bytes; 7 is float32

@@ -42,7 +42,7 @@ class VelodyneCapture:
         return "velodyne" if len(self.models) == 1 else f"velodyne-{address}"
 
     def decode(self) -> Iterator[Sweep]:
-        """Yield all sweeps, each from azimuth 0 on."""
+        """Yield all sweeps of all sensors, each from azimuth 0 on; the last may be partial."""
         decoders = {address: make_velodyne_decoder(last) for address, last in self.models.items()}
         counts: Counter[str] = Counter()
         with name_damage(self.path, "capture", (Exception,)):
@@ -50,6 +50,7 @@ class VelodyneCapture:
                 if address not in decoders or len(data) != VELODYNE_PACKET_BYTES:
                     continue
                 decoded = decoders[address].decode(time_s, data, True)
+                # this packet has completed a turn
                 if decoded is not None:
                     yield self._sweep(address, decoded, counts)
             for address, decoder in decoders.items():
@@ -132,7 +133,8 @@ def open_velodynes(path: Path) -> VelodyneCapture | Counter[int]:
 def read_packets(path: Path, *, is_first: bool = False) -> Iterator[tuple[float, str, bytes]]:
     """Yield capture time (s), source address and data of every UDP packet.
 
-    is_first: True to warn of packets that were cut."""
+    Packets that were cut are left out. is_first: True for the first reading, which warns of them.
+    """
     import dpkt
 
     with path.open("rb") as file:

@@ -72,6 +72,7 @@ class SendsForeground(DetectsOnce):
             """Return the points (world frame, m) restored at the centre, and the bits sent."""
             captured = view.captured(sensor)
             scene = view.scene(sensor)
+            # pixels to send, and those without a return in which the scene would be drawn
             foreground = standing_out(captured, scene, self.sigmas)
             image = captured.sending(foreground.pixels)
             message, restored = self.exchange(view, sensor, image, missing=foreground.missing)

@@ -83,11 +83,12 @@ def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.n
     if len(content) != count or not opener.eof or opener.unused_data:
         raise ValueError(f"packed numbers inflate to {count} symbols, got {len(content)}")
     symbols = np.frombuffer(content, np.uint8).astype(np.int64)
-    # symbol of a number of 32 bits whose second highest bit is 1
+    # the largest symbol, for a number of 32 bits whose second highest bit is 1
     max_symbol = _SMALL_NUMBERS + 2 * (32 - _MIN_LARGE_BITS) + 1
     if len(symbols) and symbols.max() > max_symbol:
         raise ValueError(f"packed numbers have symbols up to {max_symbol}, got {symbols.max()}")
-    # undo the symbols of large numbers; values of small ones are discarded by both np.where
+    # A small number is its symbol. The symbol of a large one holds how many bits it has, and the
+    # second highest bit. (Values for small ones are discarded by both np.where.)
     is_small = symbols < _SMALL_NUMBERS
     extra_bits, second_bit = np.divmod(symbols - _SMALL_NUMBERS, 2)
     low_count = np.where(is_small, 0, extra_bits + _MIN_LARGE_BITS - 2)

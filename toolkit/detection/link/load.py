@@ -94,6 +94,7 @@ def format_loads(loads: Iterable[SetLoad]) -> str:
         "packets/s",
         "airtime ms/s",
     ]
+    # last, the share of each kind of link
     table = [[*headings, *CAPACITIES_MBIT_PER_S]]
     for set_load in loads:
         load = set_load.load

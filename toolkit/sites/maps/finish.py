@@ -64,10 +64,11 @@ def _make_mounts(site: Site, solids: Sequence[Solid], lamps: np.ndarray) -> list
     Their feet are at z = 0. lamps: (n, 2) places x, y of street lamps."""
     road = Road(paths=(), half_widths=(), lanes=site.lanes, footways=site.footways)
     tall_solids = [solid for solid in solids if solid.top > MIN_WALL_HEIGHT_M]
+    # both widened by the room that a mount needs (m)
     walls = nets.unite(solid.footprint for solid in tall_solids).buffer(0.3)
     bays = [bay_outline(bay, MAP_BAY_SIZE_M) for bay in site.parking]
     obstacles = walls.union(shapely.union_all(bays).buffer(0.3))
-    # without the room that mounts along the kerbs need: the bracket may be next to a wall
+    # without that room: the bracket of a lamp may be next to a wall
     mounts = _mount_on_lamps(site, road, lamps, obstacles.buffer(-0.3))
     if len(mounts) >= MIN_LAMP_MOUNTS:
         return mounts

@@ -14,6 +14,7 @@ def move_network_to_site(network: str, map_SE3_site: Pose) -> str:
 
     map_SE3_site: pose of the site in the map; only x, y and the heading count. Outlines of
     junctions and walking areas that cross themselves are repaired."""
+    # the site's origin in the map (m)
     origin = map_SE3_site[:2, 3]
     rotation = map_SE3_site[:2, :2]
     # rows of points: (xy - origin) @ rotation turns by the transpose, from the map to the site

@@ -39,7 +39,9 @@ class MapPiece:
     density: Furnishing = "dense"
 
     def __post_init__(self) -> None:
-        """Raise FileNotFoundError without the map, ValueError for a wrong place or size."""
+        """Raise FileNotFoundError without the map, ValueError for a wrong place or size.
+
+        centre: x, y or longitude, latitude; size: along x and y (m)."""
         path = self.path
         centre = self.centre
         size = self.size

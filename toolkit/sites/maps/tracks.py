@@ -53,9 +53,10 @@ def _make_track(lane: ElementTree.Element) -> shapely.Geometry:
 
 
 def _sweep_body(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
-    """Ground under a vehicle of `TURNING_BODY_M` with both ends on a path, at steps along it.
+    """Rectangles under a vehicle of `TURNING_BODY_M` with both ends on a path, at steps along it.
 
-    The vehicle begins right before the path and ends right after it, on straight extensions."""
+    The vehicle begins right before the path and ends right after it, on straight extensions. A path
+    shorter than a step gives no rectangles. path: rows of x, y (m)."""
     length, width = TURNING_BODY_M
     if shapely.LineString(path).length < TURNING_STEP_M:
         return []

@@ -34,9 +34,10 @@ def count_contradictions(
         lane_ids = {lane.number for lane in section.lanes}
         duplicate_count = len(section.lanes) - len(lane_ids)
         problems["lanes have the id of another lane beside them"] += duplicate_count
-        min_widths = [sample_width(section, lane).min() for lane in section.lanes]
+        min_widths = [sample_width(section, lane).min() for lane in section.lanes]  # m
         negative_count = sum(width < MIN_WIDTH_M for width in min_widths)
         problems["lanes have a width below zero, which counts as zero"] += negative_count
+    # m along the road; `sections` lacks the ones that are left out
     starts = [read_number(section, "s") for section in road.findall("lanes/laneSection")]
     outside_count = sum(not -max_gap <= start <= length + max_gap for start in starts)
     problems["lane sections begin beyond the ends of their road and are left out"] += outside_count

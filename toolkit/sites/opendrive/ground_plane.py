@@ -93,12 +93,14 @@ def _find_edges(
 
     s: places along the road (m). Rows are x, y, z (m, map frame). The gradient (rise over run) is
     along the road and across it together."""
+    # distance from the reference line to the carriageway's middle (m), positive to the left
     offset = read_cubics(road.element.findall("lanes/laneOffset"))
     edges = [np.zeros((0, 3))]
     steepest = 0.0
     for section in read_sections(road.element, road.length):
         section_s = s[(s >= section.start) & (s <= section.end)]
         middle_t = offset.at(section_s)
+        # left edge, right edge
         for sign in (1, -1):
             # t: m to the left of the reference line
             edge_t = _find_edge(section, sign, section_s, middle_t)

@@ -47,7 +47,7 @@ def count_unread(road: ElementTree.Element) -> dict[str, int]:
     """Count the unread elements of a <road> that bear on traffic or the ground, by their note."""
     read_types = TRAFFIC_LIGHTS + PRIORITY_SIGNS
     signals = road.findall("signals/signal")
-    plates = [signal for signal in signals if signal.get("type") not in read_types]
+    plates = [signal for signal in signals if signal.get("type") not in read_types]  # other signs
     heights = road.findall("lanes/laneSection/*/lane/height")
     steps = [height for height in heights if _measure_height(height) > MAX_KERB_M]
     strips = road.findall("lateralProfile/crossSectionSurface")
@@ -71,7 +71,9 @@ def _measure_height(element: ElementTree.Element) -> float:
 
 
 def _count_no_change_lanes(road: ElementTree.Element) -> int:
-    """Count the lanes from which road marks forbid a change to the driving lane outside them."""
+    """Count the lanes from which road marks forbid a change to the driving lane farther outside.
+
+    The marks of a lane are on its outer edge. Ids grow to the left and are 0 in the middle."""
     count = 0
     for side in road.findall("lanes/laneSection/*"):
         driving_lanes = {

@@ -52,7 +52,8 @@ class LateralProfile:
 
         s: m along the road; t: m to the left of its reference line."""
         heights = t * np.sin(self.superelevation.at(s))
-        for sign, crossfall in self.crossfall.items():  # 1: left side, -1: right side
+        # angles (rad) by which the ground falls away from the line; 1: left side, -1: right side
+        for sign, crossfall in self.crossfall.items():
             is_on_side = t * sign > 0
             heights -= np.where(is_on_side, np.abs(t) * np.sin(crossfall.at(s)), 0.0)
         if self.shapes:

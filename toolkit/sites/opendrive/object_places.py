@@ -88,6 +88,7 @@ def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectP
     if not repeats:
         s = read_number(element, "s")
         t = read_number(element, "t")
+        # x, y and heading in the map
         place = place_on_road(road, s, t, turn)
         yield ObjectPlace(*place, base=max(read_number(element, "zOffset", 0.0), 0.0))
     for repeat in repeats:

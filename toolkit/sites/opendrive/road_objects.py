@@ -127,8 +127,10 @@ def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
 def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
     """Make the post and the plate, or head with lamps, of a <signal> of a road.
 
-    The solids are in the map's frame."""
+    The solids are in the map's frame, with heights above the road (m)."""
+    # m along the road
     s = read_number(element, "s")
+    # m to the left of its reference line
     t = read_number(element, "t")
     place = place_on_road(road, s, t, turn=read_number(element, "hOffset", 0.0))
     # a signal for traffic along s faces against s
@@ -163,7 +165,7 @@ def move_objects_to_site(objects: RoadObjects, map_SE3_site: Pose) -> RoadObject
         return replace(solid, footprint=((solid.footprint - origin) @ rotation).round(3))
 
     def move_bay(bay: Bay) -> Bay:
-        map_x, map_y, map_yaw = bay
+        map_x, map_y, map_yaw = bay  # m, m, rad
         x, y = (([map_x, map_y] - origin) @ rotation).tolist()
         return x, y, float(map_yaw - site_yaw)
 

@@ -102,7 +102,9 @@ class _Consumption:
 
 
 def _read_xml(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
-    """Yield the elements of an XML file. head: its first bytes, unpacked."""
+    """Yield the nodes, ways and relations of an XML file, each whole, as it is read.
+
+    head: its first bytes, unpacked."""
     _check_xml(path, head)
     parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(
         ("start", "end")
@@ -115,6 +117,7 @@ def _read_xml(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
             consumption.add_chunk(len(chunk))
             events = cast("Iterable[tuple[str, ElementTree.Element]]", parser.read_events())
             for event, element in events:
+                # the first tag to start is the root's
                 if root is None:
                     root = element
                 consumption.add_tag()
@@ -160,6 +163,7 @@ def _check_remark(path: Path, remark: object) -> None:
 def _read_json(path: Path) -> Iterator[ElementTree.Element]:
     """Yield the elements of Overpass's JSON as XML elements of the same content."""
     with _open(path) as stream:
+        # one more byte shows that it is too large
         content = stream.read(MAX_MAP_BYTES + 1)
     if len(content) > MAX_MAP_BYTES:
         raise ValueError(
@@ -182,7 +186,7 @@ def _read_json(path: Path) -> Iterator[ElementTree.Element]:
 
 
 def _convert_row(row: Mapping[str, Any]) -> ElementTree.Element:
-    """Make the XML element of an entry of Overpass's JSON, a node, way or relation."""
+    """Make the XML element of a node, way or relation that is an entry of Overpass's JSON."""
     attributes = {key: str(row[key]) for key in ("id", "lat", "lon", "visible") if key in row}
     if row.get("visible") is False:
         attributes["visible"] = "false"  # as in XML, and not "False"

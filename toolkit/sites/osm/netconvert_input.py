@@ -69,8 +69,8 @@ def _format_restrictions(
 ) -> Iterator[str]:
     """Yield OSM relations of the turns between pieces, one for each pair that meets at the node.
 
-    pieces: parts of the map's ways, each named by the id of its way; numbers: numbers of the nodes
-    by id."""
+    pieces: parts of the map's ways, each named by the id of its way, numbered from 1 in the order
+    given; numbers: numbers of the nodes by id."""
     # numbers of the pieces by id of their way and of a node on them
     piece_numbers: dict[tuple[str, str], list[int]] = {}
     for number, piece in enumerate(pieces, start=1):

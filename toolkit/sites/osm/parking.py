@@ -132,7 +132,8 @@ def find_parking(
             continue
         line = shapely.LineString(way.line)
         if line.intersects(window):
-            left_angle = _read_angle(way.tags, "left")  # of the bays to the road, if it has any
+            # degrees between bays and road, None for a side without bays
+            left_angle = _read_angle(way.tags, "left")
             right_angle = _read_angle(way.tags, "right")
             near_roads.append(ParkingRoad(line, left_angle, right_angle))
     near_areas = []  # shape, and angle of the bays to the road (degrees)

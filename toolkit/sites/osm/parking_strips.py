@@ -187,6 +187,7 @@ def _list_streets(network: str) -> Iterator[_Street]:
             continue
         # SUMO marks one direction of a road by -
         opposite = name[1:] if name.startswith("-") else f"-{name}"
+        # SUMO lists lanes from the kerb on
         innermost_lane = car_lanes_by_edge[name][-1]
         line = nets.parse_shape(innermost_lane)
         if len(line) > 1:

@@ -77,6 +77,7 @@ class RawMap:
         """Add an element of the file, or remove a node or way that an editor marked as deleted."""
         tags = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
         relation_type = tags.get("type", "") if element.tag == "relation" else ""
+        # a deleted element has no other meaning, so it is looked for first
         if element.get("action") == "delete" or element.get("visible") == "false":
             self._remove(element)
         elif element.tag == "bounds":

@@ -112,9 +112,9 @@ def _describe_nearest(lines: Iterable[shapely.LineString], extract: Extract) -> 
 
 
 def describe_unused(ways: Iterable[Way]) -> list[str]:
-    """Return a note that counts ways by kinds that may be driven on but are no roads here.
+    """Return a list with a note that counts ways that may be driven on but are no roads here.
 
-    ways: with a tag highway."""
+    The list is empty without such ways. ways: with a tag highway, whose kinds are counted."""
     counts = Counter[str]()  # ways by kind
     for way in ways:
         tags = way.tags
@@ -133,9 +133,9 @@ def describe_unused(ways: Iterable[Way]) -> list[str]:
 
 
 def describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:
-    """Return a note that counts roundabouts that run against the side that traffic keeps to.
+    """Return a list with a note that counts roundabouts that run against traffic, or an empty one.
 
-    lefthand: traffic keeps left, and so drives clockwise."""
+    lefthand: traffic keeps left, and so drives clockwise; else it drives counter-clockwise."""
     lines = []  # in the direction of traffic
     for way in ways:
         if way.tags.get("junction") in ("roundabout", "circular"):

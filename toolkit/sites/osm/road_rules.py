@@ -660,7 +660,9 @@ def parse_speed(value: str) -> float | None:
 
 
 def _parse_one_speed(text: str) -> float | None:
-    """Limit (m/s) of one number with its unit, or of one zone; None if it is not understood."""
+    """Limit (m/s) of one number with its unit, or of one zone; None if it is not understood.
+
+    text: lower case, such as "50", "30 mph" or "de:urban"; a number without a unit is km/h."""
     number_match = re.fullmatch(r"(\d+(?:[.,]\d+)?)\s*([a-z/]*)", text)
     if number_match is not None:
         number, unit_name = number_match.groups()
@@ -734,7 +736,9 @@ def _bears_on_traffic(key: str) -> bool:
 
 
 def _has_reserved_lanes(key: str, value: str) -> bool:
-    """Return True for a tag of lanes for some users only, such as bus:lanes=|designated."""
+    """Return True for a tag that reserves lanes for some users, such as bus:lanes=|designated.
+
+    A value of such a tag has a part for each lane, divided by |."""
     head, _, suffix = key.partition(":")
     parts = suffix.split(":")
     if key.endswith(":conditional"):

@@ -31,7 +31,9 @@ _BINS = ("waste_basket", "recycling", "post_box")
 def make_barriers(
     extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 ) -> list[Solid]:
-    """Make the map's walls, fences and hedges within `window`, 0.5 m or more off `road`."""
+    """Make the map's walls, fences and hedges within `window`, 0.5 m or more off `road`.
+
+    Stretches of 0.5 m or less are left out."""
     solids: list[Solid] = []
     for way in extract.ways:
         # function that makes the solids along a line, and height (m) without a tag

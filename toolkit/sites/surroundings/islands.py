@@ -38,17 +38,17 @@ def _fill_island(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -
 
     The solids go to the plot if there is room for them. middle, radius: x, y and radius (m) of a
     disc as large as the island."""
-    # the order of the draws fixes the random sites
+    # the order of the draws fixes the random sites; angles are in rad from +x
     if rng.random() < 0.5:
         _place_centre_piece(plot, middle, radius, rng)
     for ring_radius in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
         _place_ring(plot, middle, float(ring_radius), rng)
     # functions that draw objects; twice: planted objects are the likelier choice
-    makes = PLANTED + PLANTED + BUILT
+    draw_functions = PLANTED + PLANTED + BUILT
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 14)):
         x, y = _point_around(middle, radius * rng.uniform(0.2, 0.95), angle)
-        make = makes[rng.integers(len(makes))]
-        solids = make(rng)
+        draw_object = draw_functions[rng.integers(len(draw_functions))]
+        solids = draw_object(rng)
         yaw = float(rng.uniform(0, np.pi))
         plot.place(move_solids(solids, x=x, y=y, yaw=yaw), on_footways=True)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
@@ -80,6 +80,7 @@ def _place_ring(plot: Plot, middle: furniture.Point, ring_radius: float, rng: Rn
 
     They are blocks along the ring, all hedges, or discs of either kind. middle: x, y of the
     ring; ring_radius: m."""
+    # size of a block, along and across the ring (m)
     length = float(rng.uniform(1.0, 5.0))
     width = float(rng.uniform(0.6, 2.2))
     mean_height = float(rng.uniform(0.5, 1.8))
@@ -91,7 +92,7 @@ def _place_ring(plot: Plot, middle: furniture.Point, ring_radius: float, rng: Rn
     for angle in angles[:_MAX_RING_HEDGES]:
         x, y = _point_around(middle, ring_radius, angle)
         height = round(mean_height * float(rng.uniform(0.8, 1.2)), 2)
-        if rng.random() > placed_share:
+        if rng.random() > placed_share:  # a gap
             continue
         if is_round:
             outline = furniture.disc(x, y, radius=0.35 * length, corners=9)

@@ -47,7 +47,7 @@ class Road:
 
     @cached_property
     def driven_ground(self) -> shapely.Geometry:
-        """Carriageway without its shoulders (`strips`)."""
+        """Carriageway without its shoulders (`strips`, each a line and a width in m)."""
         shoulders = []
         for line, width in self.strips.values():
             middle = shapely.LineString(line)
@@ -91,6 +91,7 @@ class Plot:
         self.window = window
         self.solids: list[Solid] = []
         road_and_islands = shapely.union_all([road.surface, *road.islands])
+        # ground off the road and its islands, 0.3 m from both
         self.open_ground = window.difference(road_and_islands.buffer(0.3))
         self.lane_ground = road.carriageway.buffer(LANE_CLEARANCE_M)
         self.driven_ground = road.driven_ground.buffer(LANE_CLEARANCE_M)

@@ -49,6 +49,7 @@ def verge_works(plot: Plot, rng: Rng) -> None:
     """Put up to three small road works next to the footways. The solids go to the plot."""
     # the outer edge of footways of 2 m
     edge = plot.road.surface.buffer(2.0).boundary.intersection(plot.window)
+    # rows of x, y and the direction of the edge, every 2 m, in a random order
     places = rng.permutation(points_along(edge, 2.0))
     for x, y, direction in places[: rng.integers(0, 4)]:
         ahead_x, ahead_y = _MAX_VERGE_WORKS_M * np.array([np.cos(direction), np.sin(direction)])

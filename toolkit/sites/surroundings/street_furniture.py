@@ -53,13 +53,13 @@ def place_bulky_objects(plot: Plot, rng: Rng) -> None:
     kerb_rows = rng.permutation(kerb_rows)
     for rows, at_kerb, max_count in ((outer_rows, False, 25), (kerb_rows, True, 4)):
         for x, y, direction in rows[: rng.integers(0, max_count + 1)]:
-            makes = PLANTED if rng.random() < planted_share else BUILT
+            draw_functions = PLANTED if rng.random() < planted_share else BUILT
             # from the edge's direction: along it, backwards, across it, or any turn
             any_turn = rng.uniform(0.0, np.pi)
             turn = rng.choice([0.0, np.pi, np.pi / 2, any_turn], p=[0.4, 0.3, 0.15, 0.15])
-            make = makes[rng.integers(len(makes))]
+            draw_object = draw_functions[rng.integers(len(draw_functions))]
             yaw = float(direction + turn)
-            solids = move_solids(make(rng), x=float(x), y=float(y), yaw=yaw)
+            solids = move_solids(draw_object(rng), x=float(x), y=float(y), yaw=yaw)
             plot.place(solids, on_footways=at_kerb)
 
 
@@ -121,6 +121,7 @@ def place_gardens(plot: Plot, rng: Rng) -> None:
             points = [(float(x), float(y)) for x, y in shapely.get_coordinates(stretch)]
             enclose = enclosures[rng.choice(kinds)]
             solids = enclose(points, round(height, 2)) if len(points) > 1 else []
+            # one by one, so that a solid without room does not keep away the others
             for solid in solids:
                 plot.place([solid])
             start += length + rng.uniform(1.0, 25.0)

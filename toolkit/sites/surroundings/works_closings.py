@@ -8,7 +8,9 @@ from toolkit.sites.site import Solid
 
 
 def barrier(length: float, rng: Rng) -> list[Solid]:
-    """Draw a barrier of two boards on feet about the origin. length: along x (m)."""
+    """Draw a barrier of two boards, one above the other, on feet about the origin.
+
+    length: along x (m)."""
     top = float(rng.uniform(0.9, 1.2))
     foot_top = round(top - 0.62, 2)  # just below the lower board
     feet = [
