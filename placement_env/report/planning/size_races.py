@@ -20,8 +20,6 @@ from toolkit.runtime.parallel import return_freed_memory
 from toolkit.runtime.run import Run
 
 MAX_RACED_FRAMES = 60  # frames of a race
-# set-frames of a race beyond its first rungs, few as finalists are judged on more frames anyway
-MAX_RACED_SET_FRAMES = 340.0
 
 
 class Finalist(NamedTuple):
@@ -147,7 +145,6 @@ def _race_size(
         evaluator,
         confidence=confidence,
         seed=seed,
-        max_set_frames=MAX_RACED_SET_FRAMES,
         frames=MAX_RACED_FRAMES,
         best_elsewhere=races.best.expected,
     )
