@@ -182,10 +182,13 @@ class RaceRules:
         first: Number of frames of the first rung.
         eta: Factor by which each later rung multiplies the frames.
         least: Number of frames before which no confidence ends the race.
+        kept: Largest share of the sets of a rung that go on to the next, rounded up.
         most: Set-frames (sets times frames) to score at most; only as many of the best sets go on
             as the rest allows, but always one.
         target: Figure below which no set matters: the race also ends once the confidence is
             reached that no set has it.
+        rival: Figure of a set outside the race, below which the best set hardly matters.
+        most_behind: Set-frames to score at most while the best set is expected below `rival`.
     """
 
     confidence: float = 0.95
@@ -193,8 +196,11 @@ class RaceRules:
     first: int = 12
     eta: int = 2
     least: int = 0
+    kept: float = 1.0
     most: float = math.inf
     target: float = -math.inf
+    rival: float = -math.inf
+    most_behind: float = math.inf
 
     def __post_init__(self) -> None:
         """Raise ValueError if the fields do not fit."""
@@ -202,12 +208,28 @@ class RaceRules:
             min(self.first, self.eta - 1) < 1
             or not 0 < self.confidence < 1
             or not self.tolerance >= 0
+            or not 0 < self.kept <= 1
         ):
             raise ValueError(
                 "a race until a confidence needs eta >= 2, first >= 1, a confidence between 0 "
-                f"and 1 and a tolerance from 0 up, got eta {self.eta}, first {self.first}, "
-                f"confidence {self.confidence} and tolerance {self.tolerance}"
+                "and 1, a tolerance from 0 up and a kept share above 0 and at most 1, got eta "
+                f"{self.eta}, first {self.first}, confidence {self.confidence}, tolerance "
+                f"{self.tolerance} and kept {self.kept}"
             )
+
+    def count_kept(self, sets: int, best: float, spent: int, next_frames: int) -> int:
+        """Largest number of sets that may go on to the next rung, at least 1.
+
+        Args:
+            sets: Number of sets of this rung.
+            best: Likeliest figure of the best of them.
+            spent: Set-frames scored so far.
+            next_frames: Frames that the next rung adds."""
+        most = self.most
+        if best < self.rival:
+            most = min(most, self.most_behind)
+        affordable = max(1.0, (most - spent) / next_frames)
+        return int(min(affordable, math.ceil(self.kept * sets)))
 
 
 class _Dropped(NamedTuple):
@@ -250,14 +272,14 @@ def race_until(
     """Race sets until the best is known confidently enough, or all frames are used.
 
     scores: called with sets and the first frames of `order`, more each time; if it uses fewer, the
-    race ends with these; order: indices of all frames, in the order in which they are used;
-    predicted: prior figure of each row of `sets`, None without; sets are then ranked by the
-    combination that `placement_env.analysis.shrinkage.shrink` makes of both. Equal rows are scored
-    once. A set is dropped if it beats the best in fewer than (1 - confidence) / n of the
-    resamples. The remaining doubt is the share of resamples in which a set still in the race beats
-    the winner by more than the tolerance, plus, for each rung, the share in which a set dropped
-    after it does. If time ran out it is at least 2^-blocks, the chance that the same of two equal
-    sets is the better one in every block. Raises ValueError without a set or frame.
+    race ends with these; order: indices of all frames in the order of their use; predicted: prior
+    figure of each row of `sets`, None without; sets are then ranked by both combined
+    (`placement_env.analysis.shrinkage.shrink`). Equal rows are scored once. A set is dropped if it
+    beats the best in fewer than (1 - confidence) / n of the resamples, or if too many are better
+    (`RaceRules.count_kept`). The remaining doubt is the share of resamples in which a set still in
+    the race beats the winner by more than the tolerance, plus, for each rung, the share in which a
+    set dropped after it does. If time ran out it is at least 2^-blocks, the chance that the same of
+    two equal sets is better in every block. Raises ValueError without a set or frame.
     """
     frames = len(order)
     _check_entrants(sets, frames)
@@ -288,7 +310,7 @@ def race_until(
             dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
         next_frames = min(frames, used_frames * rules.eta) - used_frames
-        max_sets = max(1.0, (rules.most - spent) / next_frames)
+        max_sets = rules.count_kept(len(running), float(ranked.expected[0]), spent, next_frames)
         is_running = _find_running(ranked.resamples, risk, max_sets)
         if used_frames >= rules.least and is_running.sum() == 1:  # more frames would change no rank
             dropped.append(_Dropped(running, ranked.measured, used_frames))
@@ -371,7 +393,7 @@ def _rank_rung(
 
 
 def _find_running(
-    resamples: Float64[np.ndarray, "n resamples"], risk: float, max_sets: float
+    resamples: Float64[np.ndarray, "n resamples"], risk: float, max_sets: int
 ) -> Bool[np.ndarray, " n"]:
     """Mask of the sets that go on to the next rung, the best always among them.
 

@@ -384,6 +384,8 @@ class TiledVoxelNet:
 
         clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union.
         """
+        if MAX_UNSHARED_SHARE * (len(unions) - PLAN_COST_UNIONS) < 1:
+            return None  # each tile has one value at least
         plan = self._plan_without_thinning(clouds, unions)
         if not self.gains(plan):  # thinning only makes values of tiles differ
             return None

@@ -338,6 +338,16 @@ class Plan(Displayed):
         share = self.question.get("link_share", LINK_SHARE)
         return share if isinstance(share, float) else LINK_SHARE
 
+    def describe_judged(self, noun: str) -> str:
+        """Describe the number of considered sets that were judged on all frames, and on fewer.
+
+        noun: words after the first number. At least one set must have been judged."""
+        frames = [option.judged.frames for option in self.considered if option.judged]
+        whole_count = frames.count(max(frames))
+        sampled_count = len(frames) - whole_count
+        text = f"{whole_count} {noun}"
+        return f"{text}, {sampled_count} in {min(frames)} frames of it" if sampled_count else text
+
     def format_drawn_ap(self, ap: float, drawn: DrawnErrors) -> str:
         """Format an AP over draws of errors, with as many decimals as a draw's objects support.
 

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -225,6 +226,35 @@ def test_a_budget_leaves_only_the_best_sets():
     assert [len(sets) for sets, _ in tight.asked] == [5, 3]
     assert set(tight.asked[1][0]) == {1, 3, 4}
     assert ran.confidence < 0.95
+
+
+def test_half_of_the_sets_go_on_and_fewer_if_the_best_is_behind_a_rival():
+    """Sets hardly differ from their noise, so none is dropped for being worse."""
+    counts = {}
+    for rival in (0.85, 0.95):
+        noisy = Spread(TRUE, noise=20.0)
+        rules = RaceRules(kept=0.5, most=60.0 + 36 + 48, rival=rival, most_behind=60.0 + 36)
+        race_until(noisy, ALONE, np.arange(48), rules)
+        counts[rival] = [len(sets) for sets, _ in noisy.asked]
+    assert counts == {0.85: [5, 3, 2], 0.95: [5, 3]}
+    with pytest.raises(ValueError, match=r"a kept share above 0 and at most 1, got .* kept 0"):
+        RaceRules(kept=0.0)
+
+
+@pytest.mark.parametrize(
+    ("sets", "best", "spent", "count"),
+    [
+        (16, 0.9, 192, 8),  # half of them
+        (5, 0.9, 60, 3),  # rounded up
+        (40, 0.9, 480, 1),  # always one
+        (40, 0.9, 360, 3),  # 40 set-frames are left
+        (16, 0.7, 192, 4),  # behind the rival: 48 are left
+        (16, math.nan, 192, 8),
+    ],
+)
+def test_sets_that_go_on_fit_the_budget(sets, best, spent, count):
+    rules = RaceRules(kept=0.5, most=400, rival=0.8, most_behind=240)
+    assert rules.count_kept(sets, best, spent, next_frames=12) == count
 
 
 def test_a_race_ends_with_the_frames_that_there_was_time_for():

@@ -52,7 +52,7 @@ def method_section(plan: content.Plan) -> Content:
     if plan.why:
         blocks += [Paragraph(plan.verdict.sentence), Bullets(plan.why)]
     if plan.considered:
-        judged_count = sum(considered.judged is not None for considered in plan.considered)
+        judged_text = plan.describe_judged("of them on all of its traffic")
         searches = {name for option in plan.considered for name in option.searches}
         searches_text = (
             f", found by the searches {join_names(sorted(searches))}" if searches else ""
@@ -61,11 +61,7 @@ def method_section(plan: content.Plan) -> Content:
             f"{describe_count(len(plan.considered), 'set')} of sensors reached the final "
             f"comparison{searches_text}; "
         )
-        blocks.append(
-            Paragraph(
-                f"{sets_text}the detector judged {judged_count} of them on all of its traffic."
-            )
-        )
+        blocks.append(Paragraph(f"{sets_text}the detector judged {judged_text}."))
     if plan.assumptions:
         blocks += [Paragraph("What it assumes:"), Bullets(plan.assumptions)]
     if plan.unknown:

@@ -56,6 +56,11 @@ class Choice:
         """Indices of the candidates of the answer, ascending."""
         return tuple(np.flatnonzero(self.sets[self.chosen]).tolist())
 
+    def list_judged_rows(self) -> list[int]:
+        """List the indices of the options judged on as many frames as the answer, which is all."""
+        frames = [0 if option.judged is None else option.judged.frames for option in self.options]
+        return np.flatnonzero(np.array(frames) == frames[self.chosen]).tolist()
+
     @property
     def near_optimal(self) -> tuple[PlanOption, ...]:
         """Sets that are as good as the best, cheap ones first."""

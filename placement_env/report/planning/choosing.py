@@ -4,18 +4,19 @@ Without a requirement the answer is the cheapest set that is as good as the best
 a requirement it is the cheapest set whose AP reaches it; sets are judged by price until one does.
 If none does, it is the best set. AP is always over the cases of the plan (`PlanOption.counted`)."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES
+from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES
 from placement_env.analysis.shrinkage import shrink
 from placement_env.objective import Objective
 from placement_env.report.content import DrawingResult
 from placement_env.report.planning.choice import Choice, Rule, choose, rank_thrift
 from placement_env.report.planning.judged_options import JudgedOptions
 from placement_env.report.planning.judging import Judge
-from placement_env.report.planning.size_races import race_sizes
+from placement_env.report.planning.size_races import SizeRaces, race_sizes
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.evaluators import race_order
 from toolkit.runtime.run import Run
@@ -27,7 +28,7 @@ FIRST_LOOK_ERROR_AP = 0.1  # AP by which the first look may underrate a set
 def choose_at_drawings(
     judge: Judge, choice: Choice, min_ap: float | None
 ) -> tuple[DrawingResult, ...]:
-    """Judge the answer, and choose among the judged sets, at each drawing of the site.
+    """Judge the answer, and choose among the sets judged on all frames, at each drawing.
 
     Each result has the answer's figures at this drawing, and the poles of the set that would have
     been the answer there. It shows how much the answer depends on what no map knows. Empty for one
@@ -39,8 +40,8 @@ def choose_at_drawings(
         min_ap: Required AP, None without a requirement."""
     if not judge.drawings:
         return ()
-    # rows among the entrants; below, n counts the judged sets only
-    judged_rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
+    # rows among the entrants of the sets judged on all frames; below, n counts these only
+    judged_rows = choice.list_judged_rows()
     judged_sets = choice.sets[judged_rows]
     results = []
     for drawing in judge.drawing_judges:
@@ -73,7 +74,7 @@ def choose_set(
     """Choose the answer among the entrants, which are the sets that the searches found.
 
     Without a required AP, or if no set reaches it, sets of each size race, and the close ones are
-    judged on all frames.
+    judged on all frames, the winners of the other sizes in a sample of them.
 
     Args:
         objective: Objective of the searches.
@@ -98,7 +99,8 @@ def choose_set(
     sizes = entrants.sets.sum(axis=1)
     order = race_order(judge.frames, seed=run.seed)
     options.judge_rows(races.list_rows(), run)
-    for race, winner in races.by_size.values():
+    _judge_behind(options, races, run)
+    for race, winner, _ in races.by_size.values():
         options.check_race(winner, float(race.figures[0]), order[: race.frames[0]])
     best, alike_options = choose(options.options, options.draws)
     answer = best
@@ -120,6 +122,24 @@ def choose_set(
         rule=rule,
         confidence=sureness,
     )
+
+
+def _judge_behind(options: JudgedOptions, races: SizeRaces, run: Run) -> None:
+    """Judge the winners of sizes that do not contend in a sample of the frames.
+
+    Those that turn out within `AP_TOLERANCE` of the best that fits its links are judged on all
+    frames, since they may be the answer. Judged sets are replaced in `options`."""
+    rows = races.list_rows_behind()
+    whole_options = [options.options[i] for i in options.draws]
+    options.judge_rows(rows, run, reference=races.best.row)
+    aps = [option.counted.ap for option in whole_options if option.counted and option.fits_links]
+    min_ap = max(aps, default=-math.inf) - AP_TOLERANCE
+    near_rows = []
+    for i in rows:
+        judgement = options.options[i].counted
+        if judgement is not None and judgement.ap >= min_ap:
+            near_rows.append(i)
+    options.judge_rows(near_rows, run)
 
 
 def _find_cheapest(options: JudgedOptions, min_ap: float, run: Run) -> int | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from placement_env.objective import Objective
 from placement_env.racing import Contest
 from placement_env.report.content import PlanOption
 from placement_env.report.planning.judging import Judge, one_stage, state_figure
+from placement_env.report.planning.sampled_judge import SampledJudge
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.arrays import Int64
 from toolkit.runtime.run import Run
@@ -29,6 +31,7 @@ class JudgedOptions:
         entrants: Sets that the searches found.
         judge: Judge on the traffic of the comparison.
         draws: AP in each resample of the sets judged so far, by row.
+        sampled: Rows of the sets judged in a sample of the frames only.
         options: Option of each entrant; a judged one is replaced by one with figures."""
 
     def __init__(self, objective: Objective, entrants: Entrants, judge: Judge) -> None:
@@ -37,6 +40,7 @@ class JudgedOptions:
         self.entrants = entrants
         self.judge = judge
         self.draws: dict[int, Resamples] = {}  # AP in each resample, by row of a judged set
+        self.sampled: set[int] = set()
         self.options: list[PlanOption] = []
         mounts = objective.candidates.mounts
         for i, is_member in enumerate(entrants.sets):
@@ -56,29 +60,47 @@ class JudgedOptions:
             )
             self.options.append(option)
 
-    def judge_rows(self, rows: Sequence[int], run: Run = Run()) -> None:
-        """Judge sets on all frames, unless they are judged already.
+    def judge_rows(
+        self, rows: Sequence[int], run: Run = Run(), *, reference: int | None = None
+    ) -> None:
+        """Judge sets on all frames or in a sample, unless they are judged so already.
 
-        Changes `options` and `draws` at these rows.
+        Changes `options`, `draws` and `sampled` at these rows.
 
-        rows: indices of the sets among the entrants; run: reports the frames done."""
-        new_rows = [i for i in rows if i not in self.draws]
+        Args:
+            rows: Indices of the sets among the entrants.
+            run: Reports the frames done.
+            reference: Row of a set judged on all frames; the sets are then judged in a sample, as
+                ratios to this set (`SampledJudge`). None for all frames."""
+        judge = self.judge
+        frames = np.arange(judge.frames)
+        judge_drawn = judge.judge_drawn
+        known_rows = self.draws.keys() - self.sampled
+        if reference is not None:
+            sampled_judge = SampledJudge(judge, self.entrants.sets[[reference]])
+            frames = sampled_judge.frames
+            judge_drawn = partial(sampled_judge.judge_sets, judge)
+            known_rows = set(self.draws)
+        new_rows = [i for i in rows if i not in known_rows]
         if not new_rows:
             return
         new_sets = self.entrants.sets[new_rows]
-        stage = one_stage(run, "frames of the closest sets", self.judge.frames)
-        judged_sets, draws = self.judge.judge_cases(new_sets, stage)
-        all_frames = np.arange(self.judge.frames)
-        mean_aps = self.judge.evaluator.mean_ap(new_sets, all_frames).tolist()
+        stage = one_stage(run, "frames of the closest sets", len(frames))
+        judged_sets, draws = judge.judge_cases(new_sets, stage, judge_drawn)
+        mean_aps = judge.evaluator.mean_ap(new_sets, frames).tolist()
         for k, i in enumerate(new_rows):
             members = tuple(np.flatnonzero(self.entrants.sets[i]).tolist())
             self.options[i] = replace(
                 self.options[i],
                 mean_ap=mean_aps[k],
-                fits_links=self.objective.fits_links(members, self.judge.kbit(members)),
+                fits_links=self.objective.fits_links(members, judge.kbit(members, frames)),
                 **judged_sets[k]._asdict(),  # results by kind of case
             )
             self.draws[i] = draws[k]
+        if len(frames) < judge.frames:
+            self.sampled.update(new_rows)
+        else:
+            self.sampled.difference_update(new_rows)
 
     def check_race(self, row: int, ap: float, frames: Int64[np.ndarray, " k"]) -> None:
         """Raise ValueError if a judged set had quite another AP in its race.

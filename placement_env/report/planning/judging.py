@@ -32,6 +32,12 @@ CLASS_NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name
 DrawnAPs = Float64[np.ndarray, "n resamples"]  # AP of each set in each resample
 
 
+# judges sets over cases, with a progress callback: results of the sets, and AP in each resample
+JudgeDrawn = Callable[
+    [Bool[np.ndarray, "n candidates"], Cases, Report | None], tuple[list[Judgement], DrawnAPs]
+]
+
+
 class SetJudgement(NamedTuple):
     """Judgement of a set, intact and in the requested cases.
 
@@ -147,17 +153,22 @@ class Judge:
         """Judges of one drawing of the site each: this judge's first, then the others."""
         return replace(self, drawings=()), *self.drawings
 
-    def outcomes(self, members: tuple[int, ...]) -> list[Outcome]:
-        """Return the detections of one set in every frame and the objects that they hit.
+    def outcomes(self, members: tuple[int, ...], frames: Frames | None = None) -> list[Outcome]:
+        """Return the detections of one set in each frame and the objects that they hit.
 
-        They are at the first error profile."""
-        return self.detected.outcomes([members], range(self.frames))[members]
+        They are at the first error profile. frames: numbers of the frames, None for all."""
+        numbers = range(self.frames) if frames is None else frames.tolist()
+        return self.detected.outcomes([members], numbers)[members]
 
-    def kbit(self, members: tuple[int, ...]) -> Float64[np.ndarray, "k frames"]:
-        """Return the kbit that each sensor of one set sends in every frame, a row for each sensor.
+    def kbit(
+        self, members: tuple[int, ...], frames: Frames | None = None
+    ) -> Float64[np.ndarray, "k frames"]:
+        """Return the kbit that each sensor of one set sends in each frame, a row for each sensor.
 
-        members: indices of the set's candidates, in the order of the rows."""
-        return np.array([outcome.bits for outcome in self.outcomes(members)], np.float64).T / 1000
+        members: indices of the set's candidates, in the order of the rows; frames: numbers of the
+        frames, None for all."""
+        outcomes = self.outcomes(members, frames)
+        return np.array([outcome.bits for outcome in outcomes], np.float64).T / 1000
 
     def judge(
         self,
@@ -215,6 +226,7 @@ class Judge:
         self,
         sets: Bool[np.ndarray, "n candidates"],
         stage: Callable[[str], Report | None] = lambda _: None,
+        judge_drawn: JudgeDrawn | None = None,
     ) -> tuple[list[SetJudgement], DrawnAPs]:
         """Judge sets intact and in all requested cases.
 
@@ -223,20 +235,22 @@ class Judge:
 
         sets: a row of booleans over all candidates for each set; stage: function that returns a
         progress callback, or None, for the name of a stage; it is called for every kind of case
-        except levels."""
+        except levels; judge_drawn: judges sets over one kind of case, as `Judge.judge_drawn` does,
+        which is used if it is None."""
+        judge_drawn = judge_drawn or self.judge_drawn
         first_profile = replace(self.cases, errors=self.cases.profiles[0])
         # the last kind of case that was requested gives the draws, as in `SetJudgement.counted`
-        intact, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
+        intact, draws = judge_drawn(sets, self.intact, stage("chosen set"))
         # results of each set, None for kinds of cases that were not requested
         after_failures: Sequence[Judgement | None] = [None] * len(sets)
         over_levels = after_failures
         over_errors = after_failures
         if self.levels:
-            over_levels, draws = self.judge_drawn(sets, replace(first_profile, failing=0))
+            over_levels, draws = judge_drawn(sets, replace(first_profile, failing=0), None)
         if first_profile.failing:
-            after_failures, draws = self.judge_drawn(sets, first_profile, stage("failures"))
+            after_failures, draws = judge_drawn(sets, first_profile, stage("failures"))
         if len(self.profiles) > 1:
-            over_errors, draws = self.judge_drawn(sets, self.cases, stage("errors"))
+            over_errors, draws = judge_drawn(sets, self.cases, stage("errors"))
         # in the order of the fields of `SetJudgement`
         rows = zip(intact, after_failures, over_levels, over_errors, strict=True)
         return [SetJudgement(*judgements) for judgements in rows], draws

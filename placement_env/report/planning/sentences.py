@@ -150,13 +150,13 @@ def explain_choice(
         rule: Reason for the choice (`Choice.rule`).
         considered: Number of sets that the searches scored.
         fidelity: Name of the estimate that the searches scored sets by."""
-    judged_count = sum(option.judged is not None for option in plan.considered)
+    judged_text = plan.describe_judged("best of these on all of it")
     search_names = " and ".join(chosen_option.searches) or "a neighbour of a search's answer"
     compared_judgement = chosen_option.counted
     lines = [
         f"{considered:,} sets were scored by the {fidelity}, a quick estimate; "
         f"{len(plan.considered)} of them were compared by the detector on traffic that no search "
-        f"saw, the {judged_count} best of these on all of it.",
+        f"saw, the {judged_text}.",
         TEXTS["rules"][rule],
     ]
     if cases := describe_cases(question).strip(", "):
@@ -282,7 +282,8 @@ def list_assumptions(
         lines.append(
             f"Failures, worth, order of building and other schemes were judged in {frame_count} of "
             f"the {frames} frames; their AP and shares found are the chosen set's in all frames, "
-            "times the ratio in these."
+            "times the ratio in these. The same goes for compared sets of sizes that fall behind, "
+            "next to the best compared set."
         )
     if sampled:
         lines.append(

@@ -1,8 +1,9 @@
 """Races among the sets of one size, from the largest size down.
 
-Sets of one size race each other until the best is known well enough (`contest`), or all are surely
-far behind the best of larger sizes. Still smaller sizes do not race. The winner of each size,
-and others near the best of all, are judged on all frames."""
+Sets of one size race each other until the best is known well enough (`contest`). A size contends
+if its winner is expected within `NEAR_TIE_AP` of the best of all sizes: only then can the winner
+be the answer. Sizes below one that does not contend do not race. The sets of contending sizes near
+the best are judged on all frames, the winners of the other sizes in a sample of them."""
 
 import math
 from dataclasses import dataclass
@@ -13,22 +14,38 @@ import numpy as np
 from placement_env.racing import Contest
 from placement_env.report.planning.judged_options import JudgedOptions
 from placement_env.search.portfolio.evaluators import race_order
-from placement_env.search.portfolio.reward_race import contest, find_finalists
+from placement_env.search.portfolio.reward_race import NEAR_AP, NEAR_TIE_AP, contest, find_finalists
 from toolkit.arrays import Int64
 from toolkit.runtime.parallel import return_freed_memory
 from toolkit.runtime.run import Run
 
 MAX_RACED_FRAMES = 60  # frames of a race
-NEAR_AP = 0.03  # below the best of a race, which further frames may make up for
+
+
+class Finalist(NamedTuple):
+    """Set that ended its race near the front.
+
+    Attributes:
+        expected: Expected AP.
+        row: Row among all entrants."""
+
+    expected: float
+    row: int
 
 
 class SizeRace(NamedTuple):
-    """Race of the sets of one size, and the winner's row among all entrants.
+    """Race of the sets of one size, with its best sets.
 
-    Rows of the race itself count only the sets of this size."""
+    Rows of the race itself count only the sets of this size.
+
+    Attributes:
+        race: The race.
+        winner: Row of the winner among all entrants.
+        finalists: The winner and its likeliest rivals."""
 
     race: Contest
     winner: int
+    finalists: list[Finalist]
 
 
 @dataclass(frozen=True)
@@ -40,53 +57,64 @@ class SizeRaces:
     Attributes:
         by_size: Races that were run, by number of sensors.
         winners: Row of the winner of each size, the largest size first. A size without a race has
-            the set with the highest prediction.
-        close_sets: Expected AP and row of the finalists of all races."""
+            the set with the highest prediction."""
 
     by_size: dict[int, SizeRace]
     winners: list[int]
-    close_sets: list[tuple[float, int]]
 
     @property
-    def min_expected(self) -> float:
-        """Expected AP from which a set is near the best of all races; -inf before the first."""
-        return max(self.close_sets)[0] - NEAR_AP if self.close_sets else -math.inf
+    def best(self) -> Finalist:
+        """The set of all races with the highest expected AP; -inf and row -1 before the first."""
+        finalists = [finalist for race in self.by_size.values() for finalist in race.finalists]
+        return max(finalists, default=Finalist(-math.inf, -1))
+
+    def contends(self, race: Contest) -> bool:
+        """True if the winner of a race is expected within `NEAR_TIE_AP` of the best of all."""
+        return bool(race.expected[0] >= self.best.expected - NEAR_TIE_AP)
 
     def list_rows(self) -> list[int]:
-        """List the rows of all winners, and of finalists near the best of all races.
+        """List the rows of the finalists of contending sizes that are near the best of all.
 
-        Each row appears once, winners first."""
-        near_rows = [row for expected, row in self.close_sets if expected >= self.min_expected]
-        return list(dict.fromkeys([*self.winners, *near_rows]))
+        Each row appears once, winners are always included."""
+        min_ap = self.best.expected - NEAR_AP
+        rows: list[int] = []
+        for race, winner, finalists in self.by_size.values():
+            if self.contends(race):
+                rows.append(winner)
+                rows += [finalist.row for finalist in finalists if finalist.expected >= min_ap]
+        return list(dict.fromkeys(rows))
+
+    def list_rows_behind(self) -> list[int]:
+        """List the rows of the winners of sizes that do not contend."""
+        rows = self.list_rows()
+        return [winner for winner in self.winners if winner not in rows]
 
 
 def race_sizes(options: JudgedOptions, confidence: float, run: Run) -> SizeRaces:
     """Race the sets of each number of sensors, the largest number first.
 
-    Once the winner of a size is more than `NEAR_AP` behind the best of all, smaller sets fall
-    further behind: each of their sizes then gets its set with the highest prediction as winner,
-    without a race.
+    Once a size does not contend, smaller sets fall further behind: each of their sizes then gets
+    its set with the highest prediction as winner, without a race.
 
     Args:
         options: Entrants with their judge.
         confidence: Confidence at which a race ends.
         run: Gives the seed and reports the sizes done."""
     entrants = options.entrants
-    races = SizeRaces(by_size={}, winners=[], close_sets=[])
+    races = SizeRaces(by_size={}, winners=[])
     sizes = entrants.sets.sum(axis=1)
     different_sizes = np.unique(sizes)[::-1]  # the largest first
     report = run.stage("set sizes compared", len(different_sizes))
-    winner_ap = math.inf  # expected AP of the last race's winner
+    contends = True  # the last size that raced
     for step, size in enumerate(different_sizes, 1):
         size_rows = np.flatnonzero(sizes == size)
-        # `min_expected`: expected AP from which a set is near the best of all races
-        if winner_ap < races.min_expected:
-            best = size_rows[int(entrants.predicted[size_rows].argmax())]
-            races.winners.append(int(best))
-        else:
+        if contends:
             race = _race_size(options, size_rows, races, confidence, run.seed)
             return_freed_memory()  # detection leaves gaps in the heap
-            winner_ap = float(race.expected[0])
+            contends = races.contends(race)
+        else:
+            best = size_rows[int(entrants.predicted[size_rows].argmax())]
+            races.winners.append(int(best))
         if report is not None:
             report(step)
     return races
@@ -118,14 +146,16 @@ def _race_size(
         confidence=confidence,
         seed=seed,
         frames=MAX_RACED_FRAMES,
-        target=races.min_expected,
+        best_elsewhere=races.best.expected,
     )
     rows = size_rows[race.ranking]  # indices among all entrants, best first
     winner = int(rows[0])
     order = race_order(options.judge.frames, seed=seed)
     finalists = find_finalists(race, sets[rows], evaluator, order)
-    expected_aps = race.expected[finalists].tolist()
-    races.close_sets.extend(zip(expected_aps, rows[finalists].tolist(), strict=True))
+    finalist_aps = race.expected[finalists].tolist()
+    finalist_rows = rows[finalists].tolist()
     races.winners.append(winner)
-    races.by_size[int(sets[winner].sum())] = SizeRace(race, winner)
+    races.by_size[int(sets[winner].sum())] = SizeRace(
+        race, winner, finalists=[*map(Finalist, finalist_aps, finalist_rows)]
+    )
     return race

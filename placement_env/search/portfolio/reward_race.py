@@ -23,7 +23,17 @@ MAX_FINALISTS = 3  # sets of each size that are judged on all frames if they are
 FIRST_RUNG_FRAMES = 12
 RUNG_GROWTH = 2  # ratio of each rung's frames to the rung before
 MIN_RACE_FRAMES = 24  # on fewer frames the luckiest of many sets wins
-MAX_SET_FRAMES = 480.0  # that a race may score without a time limit, beyond its first rungs
+KEPT_SHARE = 0.5  # largest share of a rung's sets that goes on to the next
+MAX_SET_FRAMES = 400.0  # that a race may score without a time limit, beyond its first rungs
+MAX_SET_FRAMES_BEHIND = 200.0  # limit if the best set is behind another race
+NEAR_AP = 0.03  # below the best of other races, which further frames may make up for
+RACE_RULES = RaceRules(
+    tolerance=AP_TOLERANCE,
+    eta=RUNG_GROWTH,
+    least=MIN_RACE_FRAMES,
+    kept=KEPT_SHARE,
+    most_behind=MAX_SET_FRAMES_BEHIND,
+)
 
 
 def contest(
@@ -35,7 +45,7 @@ def contest(
     seed: int = 0,
     max_set_frames: float = MAX_SET_FRAMES,
     frames: int | None = None,
-    target: float = -math.inf,
+    best_elsewhere: float = -math.inf,
 ) -> Contest:
     """Race sets by their reward, from an evaluator's AP and the objective's prediction.
 
@@ -52,7 +62,8 @@ def contest(
         seed: Seed of the order of the frames.
         max_set_frames: Largest number of set-frames to be scored, a set on a frame being one.
         frames: Number of frames to race on at most, None for all of the evaluator's.
-        target: Reward below which no set matters (`RaceRules.target`).
+        best_elsewhere: Expected reward of the best set of other races. The race ends if all sets
+            are surely `NEAR_AP` behind, and is shorter if the best is `NEAR_TIE_AP` behind.
     """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
@@ -76,14 +87,13 @@ def contest(
         )
 
     order = race_order(evaluator.frames, seed=seed)[:frames]
-    rules = RaceRules(
+    rules = replace(
+        RACE_RULES,
         confidence=confidence,
-        tolerance=AP_TOLERANCE,
         first=min(FIRST_RUNG_FRAMES, evaluator.frames),
-        eta=RUNG_GROWTH,
-        least=MIN_RACE_FRAMES,
         most=max_set_frames,
-        target=target,
+        target=best_elsewhere - NEAR_AP,
+        rival=best_elsewhere - NEAR_TIE_AP,
     )
     race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
     # ranks of the sets that raced on as many frames as the first and nearly tie with it

@@ -214,6 +214,9 @@ def test_what_unions_see_alike_is_computed_once(trained):
     assert tiled.gains(plan)
     assert tiled.plan_gain(clouds, unions) is not None
     assert tiled.plan_gain(clouds, unions[:1]) is None
+    # one value for each tile is the least, so four unions never gain
+    assert tiled.plan_gain(clouds[:1], unions[:4, :1]) is None
+    assert not tiled.gains(tiled.plan(clouds[:1], unions[:4, :1]))
     assert not tiled.gains(plan.part(slice(1)))
     ((some, entries, predictions),) = tiled(plan)
     computed = sum(len(each.corner) for each in predictions)

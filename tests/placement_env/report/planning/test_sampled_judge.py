@@ -1,12 +1,18 @@
 """Parts of a set and other schemes, judged in a sample of the frames."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from placement_env.analysis.case_figures import CaseFigures, scale_figures
-from placement_env.report.planning import sampled_judge
+from placement_env.report.content import Judgement, Plan, PlanOption
+from placement_env.report.planning import choosing, sampled_judge
+from placement_env.report.planning.choosing import choose_set
 from placement_env.report.planning.chosen_set import ChosenSet
 from placement_env.report.planning.sampled_judge import sample_frames
+from placement_env.search.portfolio.entrants import Entrants
 
 
 @pytest.mark.parametrize("frames", [96, 120, 121, 129, 1000])
@@ -84,3 +90,35 @@ def test_parts_and_other_schemes_are_detected_in_the_sample_alone(street, limits
     partly = [call for call in outcomes if (0, 1) not in call.args[1]]
     assert partly
     assert all(list(call.args[2]) == [0, 3, 6] for call in partly)
+
+
+def test_winners_of_sizes_behind_are_judged_in_the_sample(street, limits):
+    """All frames are alike: three sensors find all cars, two find three of four, one finds two."""
+    sets = np.array([[1, 1, 1, 0], [0, 1, 1, 1], [1, 1, 0, 0], [1, 0, 0, 0]], bool)
+    entrants = Entrants(sets, street.objective.scores(sets).ap, ((),) * 4, 4)
+    whole = choose_set(street.objective, entrants, street.judge)
+    assert {option.judged.frames for option in whole.options} == {8}
+    limits(sampled_judge, MIN_SAMPLED_FRAMES=8)
+    choice = choose_set(street.objective, entrants, street.judge)
+    assert [option.judged.frames for option in choice.options] == [8, 8, 3, 3]
+    assert [option.judged.ap for option in choice.options] == [
+        option.judged.ap for option in whole.options
+    ]
+    assert (choice.chosen, choice.alike) == (whole.chosen, whole.alike)
+    assert (whole.list_judged_rows(), choice.list_judged_rows()) == ([0, 1, 2, 3], [0, 1])
+    # sets that turn out near the best are judged on all frames
+    lead = whole.options[0].judged.ap - whole.options[2].judged.ap
+    limits(choosing, AP_TOLERANCE=lead + 0.01)
+    near = choose_set(street.objective, entrants, street.judge)
+    assert [option.judged.frames for option in near.options] == [8, 8, 8, 3]
+
+
+def test_the_count_of_judged_sets_names_those_in_the_sample():
+    judged = [Judgement(0.9, 0.8, 1.0, 0.9, 1.0, 100, frames) for frames in (120, 45, 120)]
+    options = tuple(PlanOption((), 1.0, 1.0, 1.0, 0.9, judgement, ()) for judgement in judged)
+    nothing: Any = None
+    plan = Plan({}, "", "", (0.7,), "early", "", verdict=nothing, chosen=None)
+    planned = replace(plan, considered=options)
+    assert planned.describe_judged("of them on all") == "2 of them on all, 1 in 45 frames of it"
+    planned = replace(planned, considered=options[::2])
+    assert planned.describe_judged("of them on all") == "2 of them on all"

@@ -580,7 +580,7 @@ def test_the_search_has_the_pool_that_was_narrowed(staged, street, fail, spy, mo
 @pytest.mark.parametrize(("share", "of"), [(0.125, np.min), (1.0, np.max)])
 def test_links_carry_the_share_of_frames_that_was_asked_for(staged, street, monkeypatch, share, of):
     kbit = np.linspace(100.0, 800.0, 2 * 8).reshape(2, 8)
-    monkeypatch.setattr(judging.Judge, "kbit", lambda judge, members: kbit)
+    monkeypatch.setattr(judging.Judge, "kbit", lambda judge, members, frames=None: kbit)
     made = staged.plan(link_share=share).plan
     assert [link.load_mbit_s for link in made.links] == pytest.approx(
         (of(kbit, axis=1) * 10.0 / 1000.0).tolist()
@@ -729,7 +729,7 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
         street.objective, found, street.judge, confidence=0.6, run=Run(seed=5)
     )
     rules = {"confidence": 0.6, "seed": 5, "frames": size_races.MAX_RACED_FRAMES}
-    assert asked == [{**rules, "target": -math.inf}]
+    assert asked == [{**rules, "best_elsewhere": -math.inf}]
     assert [option.judged is not None for option in choice.options] == [True, True, False]
     assert choice.confidence is None  # of 8 frames
 

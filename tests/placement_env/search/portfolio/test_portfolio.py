@@ -286,7 +286,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, spy):
     reward_race.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, max_set_frames=700.0)
     ((rewards, _, order, rules), named) = races.pop()
     assert order.tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
-    assert rules == RaceRules(0.9, 0.01, 12, 2, least=24, most=700.0)
+    assert rules == RaceRules(0.9, 0.01, 12, 2, least=24, kept=0.5, most=700.0, most_behind=200.0)
     cost = [0.1 + 0.01 * 21.5, 0.1 + 0.01 * 11.0]  # of 100 kbit per sensor, and of the sensors
     assert named["predicted"] == pytest.approx([0.35 - cost[0], 0.5 - cost[1]])
     found = rewards(sets, frames)
