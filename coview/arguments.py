@@ -97,7 +97,8 @@ def site_file(site: str | None) -> list[Path]:
 def check_ending(out: Path, endings: Sequence[str], what: str) -> None:
     """Raise ValueError for a file to write whose name does not end in one of the endings.
 
-    endings: in lower case, with the dot; what: kind of file in the error."""
+    A reader recognises such files by their ending. endings: in lower case, with the dot; what: kind
+    of file in the error, with its article."""
     if out.suffix.lower() not in endings:
         raise ValueError(
             f"the name of {what} must end in {' or '.join(endings)}, got {out.name}: it is known "

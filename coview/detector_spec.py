@@ -57,7 +57,7 @@ class DetectorSpec:
         match = _SUFFIXES.fullmatch(name)
         base, suffixes = match.groups() if match else (name, "")
         background = None
-        # each suffix begins with + or -, so that none is a part of another
+        # each suffix has one + or -, at its beginning, so `in` finds none inside another one
         if _BACKGROUND in suffixes:
             background = True
         elif _NO_BACKGROUND in suffixes:

@@ -205,20 +205,23 @@ class LivePage:
         self.draw()
 
     def draw(self) -> None:
-        """Draw the figures, then what is planned; what is slow to draw follows."""
+        """Draw the figures, then sensors, suggestions, areas and the picture on the ground.
+
+        Traffic and maps, which are slow to draw, follow in another job. Without an answer only the
+        note is shown."""
         answer = self._answer
         self.head.show_note()
         if answer is None:
             return
         self.head.show_figures(answer)
         self.server.flush()  # figures do not wait for the scene
-        if not self._begun:
+        if not self._begun:  # controls and scene are made after the first figures were shown
             return
         with self.server.atomic():
             self.sensors.draw(self.drags.attach)
-            self.ghosts.draw()
+            self.ghosts.draw()  # suggested sensors
             self.areas.draw(self.clicks.spots)
-            self._picture.draw()
+            self._picture.draw()  # on the ground
         self.jobs.draw_later()
 
     def _draw_rest(self) -> None:

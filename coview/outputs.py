@@ -74,6 +74,8 @@ def check_file(
     ValueError if `out` is an input or of a kind that the command does not write, even with
     `overwrite`. Raises OSError if it cannot be written, or exists without `overwrite`."""
     if out is not None:
+        # only whether it is an input; whether it exists is checked after its kind, since nobody
+        # should be told to --overwrite a file of another kind
         check_output(out, inputs=inputs, overwrite=True)
         found_kind = find_kind(out)
         if found_kind not in ("", kind):

@@ -249,14 +249,20 @@ class VoxelNetDetector:
                     yield row, self.finish_detections(best.boxes, best.scores, cloud)
 
     def at_known_site(self) -> "VoxelNetDetector":
-        """Same detector with lower thresholds, for detections that `score_known` will score
-        again."""
+        """Variant for a site whose empty scene is known, which reports more uncertain detections.
+
+        `score_known` of the original scores these again. A detector without a calibration for
+        known sites comes back unchanged."""
+        if not self.config.known:
+            return self
         sensitive = copy.copy(self)
         sensitive.thresholds = tuple(
             min(threshold, MIN_KNOWN_SCORE) for threshold in self.thresholds
         )
+        # None: no box is dropped because of a rival of another class; `score_known` does that by
+        # the new scores
         sensitive.rival_shares = None
-        return sensitive if self.config.known else self
+        return sensitive
 
     def at_unknown_site(self) -> "VoxelNetDetector":
         """Same detector, which reports pedestrians from `MIN_UNKNOWN_PERSON_SCORE` on.

@@ -266,7 +266,7 @@ class OnnxDetector(VoxelNetDetector):
             onnxruntime = _import_runtime()
             options = onnxruntime.SessionOptions()
             level = onnxruntime.GraphOptimizationLevel
-            # beyond it, rounding is three times worse
+            # at the next higher level of optimisation, rounding is three times worse
             options.graph_optimization_level = level.ORT_ENABLE_EXTENDED
             options.intra_op_num_threads = torch.get_num_threads()
             options.log_severity_level = 4

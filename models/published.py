@@ -97,8 +97,8 @@ class PublishedDetector:
     ) -> None:
         """Fold a published network for inference. Raises ValueError for an unknown decoding.
 
-        site: name of the site whose points it takes; decoding: "published" keeps the published
-        choice of proposals before boxes are suppressed."""
+        site: name of the site whose points it takes; decoding: "exact" suppresses overlapping
+        boxes by their footprints, "published" first drops boxes as the published code does."""
         if decoding not in ("exact", "published"):
             raise ValueError(f'decoding must be "exact" or "published", got {decoding!r}')
         self.site = site

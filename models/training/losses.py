@@ -109,7 +109,8 @@ def assign_by_kind(
     """Match anchors to objects of their class; owners are rows of `boxes`.
 
     kinds: classes of anchors, in the order of the anchors of a cell. labels: class of each box.
-    is_required: objects that should be detected; negatives on other boxes of a class are ignored.
+    is_required: True for objects that should be detected. Inside the other boxes of an anchor's
+    class it may detect something or not: an anchor that would be negative there is ignored.
     """
     parts = []
     first_anchor = 0
@@ -122,7 +123,8 @@ def assign_by_kind(
         assignment = assign(
             anchors[:, :, first_anchor:end_anchor], boxes[rows], ignored=optional, **matching
         )
-        # without required objects `rows` is empty, but owners are 0: one more row to take
+        # `assignment.owner` is an index in `rows`, and 0 for anchors without an owner. One more row
+        # makes 0 valid if `rows` is empty.
         owner_rows = np.append(rows, 0)
         owner = np.where(assignment.labels == POSITIVE, owner_rows[assignment.owner], 0)
         parts.append(Assignment(assignment.labels, owner))

@@ -353,10 +353,16 @@ def _ascends(ends: np.ndarray, total: int) -> bool:
 
 
 def _check_pixels(pixels: np.ndarray, sensor: Sensor, name: str) -> None:
-    """Raise ValueError for pixels that the sensor does not have. name: their entry in the file."""
+    """Raise ValueError for pixels that the sensor does not have.
+
+    pixels: numbers of pixels, row · columns + column; name: their entry in the file."""
     rows, columns = sensor.model.shape
-    if len(pixels) and not (pixels.min() >= 0 and pixels.max() < rows * columns):
+    if not len(pixels):
+        return
+    lowest = pixels.min()
+    highest = pixels.max()
+    if lowest < 0 or highest >= rows * columns:
         raise ValueError(
             f"{name} must be of the {rows}×{columns} that sensor {sensor.name!r} has, got "
-            f"{pixels.max()}"
+            f"{lowest if lowest < 0 else highest}"
         )

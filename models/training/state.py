@@ -26,8 +26,8 @@ class TrainingState:
         optimiser: Optimiser of its weights.
         scheduler: Schedule of the learning rate.
         step: Number of finished steps.
-        spent: Seconds so far.
-        recent: Losses since the last row of the log.
+        spent: Seconds of training so far.
+        recent: Losses, by name, of each step since the last row of the log.
     """
 
     network: VoxelNet
@@ -38,7 +38,10 @@ class TrainingState:
     recent: list[dict[str, float]] = field(default_factory=list)
 
     def state(self) -> dict[str, object]:
-        """Return the plain tensors and numbers of the state."""
+        """Return the state as tensors and numbers by name, as a checkpoint keeps it.
+
+        "spent" is the time of the training so far (s), "recent" the losses by name of each step
+        since the last row of the log, "rng" the state of PyTorch's random numbers."""
         modules = {
             name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")
         }

@@ -154,7 +154,9 @@ def _list_sensors(acceptance: Acceptance) -> Content:
 def _sensor_cells(check: SensorCheck) -> tuple[Cell | str, ...]:
     """Return a row of the table of sensors: name, returns, range, noise, two pose errors, faults.
 
-    Figures are measured and promised ones; the pose is compared with the stated and the planned."""
+    Returns are a share of the promised ones; range and noise have the measured and the promised
+    figure. The pose found is compared with the pose that the recording states, then with the plan's
+    pose."""
     measured = check.measured or UNMEASURED
     returns = percent(check.returns_share)
     if not math.isnan(check.returns_low):

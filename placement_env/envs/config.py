@@ -119,11 +119,13 @@ class SubsetConfig(EnvConfig):
             return
         if not isinstance(self.objective, Objective):
             raise ValueError(f"objective must be an Objective, got {self.objective!r}")
+        # a list or tuple: several sites or schemes, from which each episode draws one
         if isinstance(self.site, list | tuple) or isinstance(self.scheme, list | tuple):
             raise ValueError(
                 "an environment made from an objective keeps its site and scheme: make it from a "
                 "site"
             )
+        # `VEHICLES` is the default of a setting, so nobody asked for other classes
         if self.setting.counted not in (VEHICLES, self.objective.classes):
             raise ValueError(
                 "an environment made from an objective keeps its classes: give them to the "

@@ -535,8 +535,9 @@ class _FrameDetections:
         detector = self._rules.detector
         waiting_sets = [members for members in sets if members]
         while isinstance(detector, UnionDetector) and len(waiting_sets) > 1:
-            # while `_requests` is a dictionary, `_detect` adds the clouds of unknown detections to
-            # it, by their key, instead of detecting
+            # `_try_fuse` calls `_detect`. While `_requests` is a dictionary, not None, `_detect`
+            # notes there which clouds an unknown detection needs, by the detection's key in the
+            # cache, and detects nothing.
             requests = self._requests = {}
             waiting_sets = [members for members in waiting_sets if not self._try_fuse(members)]
             self._requests = None

@@ -192,6 +192,7 @@ class SensorRays:
         height = bottom - top
         # one entry for each row of pixels of each window: sensor, row in its image, first pixel
         row_sensor = np.repeat(sensor, height)
+        # `counting`: 0, 1, 2 ... below the height of each window, one after the other
         row = counting(height) + np.repeat(top, height)
         first_pixel = self.first[row_sensor]  # first one in the sensor's image
         image_width = self._columns[row_sensor]
@@ -204,7 +205,9 @@ class SensorRays:
         in_reach = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
         pixels = pixels[in_reach]
         sensors = sensors[in_reach]
-        if not has_one_window_each:  # a lidar's windows may meet beyond its seam
+        # a box across the seam of a lidar's image has a window at either end of the columns; the
+        # two may overlap, and no pixel is to come twice
+        if not has_one_window_each:
             pixels, first_places = np.unique(pixels, return_index=True)
             sensors = sensors[first_places]
         return pixels, sensors

@@ -73,7 +73,9 @@ class Preparation:
         all_classes = range(len(LABELS))
         counts = []  # road users in each frame
         for snapshot in self.traffic.snapshots:
-            counts.append(scored(snapshot.objects, self.setting.place, all_classes).sum())
+            is_in_area = scored(snapshot.objects, self.setting.place, all_classes)
+            counts.append(is_in_area.sum())
+        # of these cases only the number of levels matters
         return Cases(levels=levels).split(np.array(counts, np.int64))
 
     @cached_property

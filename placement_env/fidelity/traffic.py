@@ -92,8 +92,9 @@ def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic
     """Simulate frames of traffic, the same for the same seed.
 
     The last `MAX_KEPT_TRAFFIC` results are kept in memory. Bodies are drawn for each simulation.
-    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over equally
-    long blocks, which a van parked there throughout would bias unnoticed.
+    Parked vehicles stay for `LIFE` frames, as other road users do. A van parked in all frames would
+    be in every block of frames, and the bootstrap over blocks by which sets are compared would not
+    show its influence.
 
     Raises ValueError for fewer frames than one, and errors of
     `toolkit.traffic.snapshots.simulate`."""
@@ -101,6 +102,7 @@ def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic
     key = format_site(site), frames, seed
     if key not in _KEPT:
         bodies = fleet_named().bodies(frames, np.random.default_rng([seed, 1]))
+        # `once`: no body is used again before all others of its class have been
         snapshots = simulate(site, bodies, frames=frames, seed=seed, once=True, mix=Mix(stay=LIFE))
         _KEPT[key] = Traffic(site, bodies, tuple(snapshots))
         if len(_KEPT) > MAX_KEPT_TRAFFIC:

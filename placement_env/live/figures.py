@@ -282,7 +282,7 @@ class Meter:
         )
 
     @cached_property
-    def _block(self) -> Int64[np.ndarray, " objects"]:
+    def _block_of_object(self) -> Int64[np.ndarray, " objects"]:
         """Number of the block of frames of each road user."""
         return self.unseen.frame // BLOCK_FRAMES
 
@@ -346,7 +346,7 @@ class Meter:
         hits_by_class = surrogate.hits(is_working)  # probability that each object is found
         class_resamples = []
         for label, model, hits in zip(labels, surrogate.models, hits_by_class, strict=True):
-            block_of_object = self._block[self.unseen.labels == label]
+            block_of_object = self._block_of_object[self.unseen.labels == label]
             class_resamples.append(
                 resample_ap(hits, model.false_alarms, self._draws, block=block_of_object)
             )
@@ -359,7 +359,8 @@ class Meter:
 
         groups: names, and the group of each object; probability: that each object is found."""
         shape = (len(groups.names), self.blocks)  # axes: group, block of frames
-        cell = groups.group_indices * self.blocks + self._block  # index in the flattened array
+        # index in the flattened array of each object's group and block
+        cell = groups.group_indices * self.blocks + self._block_of_object
         counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
         found_sums = np.bincount(cell, probability, math.prod(shape)).reshape(shape)
         rows = []
@@ -369,6 +370,7 @@ class Meter:
             # share found in each resample of the blocks of frames
             shares = resample_ratio(self._draws, found_sums[k], counts[k])
             recall = float(found_sums[k].sum() / object_count)
+            # `fewest`: number of blocks below which there is no interval
             interval = figure_interval(
                 recall, shares, blocks=self.blocks, objects=object_count, fewest=MIN_LIVE_BLOCKS
             )

@@ -306,8 +306,9 @@ class Yard:
     def place(self, sensors: Iterable[Sensor]) -> Variant:
         """Return a variant of sensors in their poses, each on the nearest pole or an added one.
 
-        Heights, headings and tilts that equal a step of the stock but for rounding become that
-        step. Raises ValueError for a model that the stock lacks."""
+        The stock offers some heights, headings and tilts. A sensor whose height, heading or tilt
+        differs from one of these only by rounding gets exactly that one, any other keeps its
+        value. Raises ValueError for a model that the stock lacks."""
         variant = Variant()
         axes = self.stock.axes
         for sensor in sensors:
@@ -322,7 +323,7 @@ class Yard:
                 x=x,
                 y=y,
                 height=_find_step(axes.heights, z - foot_z),
-                # a turn apart is the same heading
+                # headings that are a full turn apart are equal
                 heading=_find_step(axes.headings, float(heading), math.tau),
                 tilt=_find_step(axes.tilts, float(tilt)),
             )

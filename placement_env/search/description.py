@@ -81,8 +81,9 @@ def describe_estimate(
 ) -> str:
     """AP or coverage of a set with its interval, in as many decimals as the objects support.
 
-    figure: has `ap`, `low` and `high`; fidelity: name of the fidelity that measured them;
-    object_count: number of objects that they were measured on.
+    figure: has `ap`, which is the coverage if the fidelity is "coverage", and the ends `low` and
+    `high` of its interval; fidelity: name of the fidelity that measured them; object_count: number
+    of objects that they were measured on.
     """
     interval = describe_interval(figure.low, figure.high, figure_digits(object_count))
     name = "coverage" if fidelity == "coverage" else "AP"

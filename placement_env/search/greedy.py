@@ -213,6 +213,8 @@ def certify(progress: Progress, members: list[int], ratio: float, rise: float) -
     """
     weights = progress.objective.weights
     has_costs = weights.comm > 0 or weights.price > 0
+    # With costs a gain in reward may rise even if AP is submodular, such as for a second sensor on
+    # a mount that is paid already. Then no share is promised, but the bound, which is on AP, holds.
     if rise > GAIN_TOLERANCE and not has_costs:
         return progress.unknown(
             f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined"

@@ -104,4 +104,8 @@ def _draw_mirror(front: float, width: float, z: float, rng: Rng) -> Mesh:
     mirror_height = float(rng.uniform(0.25, 0.45))
     overhang = float(rng.uniform(0.12, 0.28))
     x = front + float(rng.uniform(-0.3, -0.1))
-    return box((0.14, overhang + 0.06, mirror_height), centre=(x, 0.48 * width + overhang / 2, z))
+    # the body narrows towards its front, so its side is not at half its width there
+    side_y = 0.48 * width
+    # 3 cm more than the overhang at either end, so that the mirror reaches into the body
+    size = (0.14, overhang + 0.06, mirror_height)
+    return box(size, centre=(x, side_y + overhang / 2, z))

@@ -170,8 +170,9 @@ class SceneLearner:
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
         """Add the next image of the sensor; it is kept if it is due.
 
-        If the images are too many, every other one is dropped and the step between kept images
-        doubles. Raises ValueError for an image of another shape."""
+        If `self.sample` images, the most that may be kept, are there already, every other one is
+        dropped and the step between kept images doubles. Raises ValueError for an image of another
+        shape."""
         shape = self.sensor.model.shape
         if measurement.shape != shape:
             raise ValueError(

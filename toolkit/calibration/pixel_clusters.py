@@ -121,21 +121,26 @@ def find_clusters(
 
 def _comes_and_goes(
     clusters: _Clusters,
-    near: Int64[np.ndarray, " pixels"],
+    cluster_index: Int64[np.ndarray, " pixels"],
     in_time: Float32[np.ndarray, "pixels n"],
 ) -> Bool[np.ndarray, " pixels"]:
-    """Mark pixels in which a cluster appears often enough for a part of the scene.
+    """Mark pixels in which a cluster comes and goes often enough for a part of the scene.
 
-    near: index of one cluster of each pixel; in_time: measurements of each pixel in order of time,
-    infinite without a return."""
+    A part of the scene, such as a leaf, appears and vanishes again and again, a parked car only
+    once. Enough is `MIN_FLICKER_RATE` times the number of appearances that is expected if each
+    measurement is an independent draw.
+
+    clusters: clusters of all pixels; cluster_index: index of one cluster of each pixel; in_time:
+    measurements of each pixel in order of time, in the model's unit, infinite without a return."""
+    # the measurements of a cluster follow each other in the flat array, in ascending order
     values = clusters.values.ravel()
-    least = values[clusters.starts[near]][:, None]
-    greatest = values[clusters.ends[near] - 1][:, None]
+    least = values[clusters.starts[cluster_index]][:, None]
+    greatest = values[clusters.ends[cluster_index] - 1][:, None]
     is_present = (in_time >= least) & (in_time <= greatest)
     share = is_present.mean(axis=1)
-    # Times that the cluster appears after another one. Independent draws with this share would
-    # give share * (1 - share) * n.
+    # times that the cluster appears: in the first measurement, or after another cluster
     arrivals = (is_present[:, 1:] & ~is_present[:, :-1]).sum(axis=1) + is_present[:, 0]
+    # In n independent draws with this share, `share * (1 - share) * n` would follow another one.
     return arrivals >= MIN_FLICKER_RATE * share * (1 - share) * in_time.shape[1]
 
 

@@ -155,9 +155,10 @@ def describe_centre_frame(frame: CentreFrame, sensors: tuple[str, ...]) -> str:
 
 @contextmanager
 def open_centre_page(port: int, sensors: Mapping[str, Sensor]) -> Iterator[tuple[CentrePage, str]]:
-    """Serve a running centre's live page to this machine for a block; give page and address.
+    """Serve a running centre's live page to this machine for a block; yield page and address.
 
-    port: a later one if it is taken; sensors: by name. Raises ImportError without viser."""
+    port: port to serve at, or a later one if it is taken; sensors: sensors by name. Raises
+    ImportError without viser."""
     token = secrets.token_urlsafe(16)  # 16 random bytes as text
     with scene.viser_server(port, token) as server:
         page = CentrePage(server, sensors)

@@ -166,14 +166,18 @@ class RunningCentre:
             yield from self._give_out()
 
     def _hear(self, messages: Iterable[SensorMessage]) -> None:
-        """Take messages, look at the sensors, and begin the frames that are complete."""
+        """Take messages, report what happened since, and begin the frames that are complete."""
         for message in messages:
             self._watch.hear(message)
             self._synchroniser.add(message)
         now_s = self._clock.now()
-        self._tick(now_s, [*self._watch.look(now_s), *self._pace_events])
+        # faults that began or ended since the last call, and changes of the detector's pace
+        fault_events = self._watch.look(now_s)
+        self._tick(now_s, [*fault_events, *self._pace_events])
         self._pace_events.clear()
-        self._begin_frames(self._synchroniser.take(now_s, self._watch.in_time))
+        # a frame does not wait for sensors that are silent or late
+        expected_sensors = self._watch.in_time
+        self._begin_frames(self._synchroniser.take(now_s, expected_sensors))
 
     def _begin_frames(self, groups: Iterable[MessageGroup]) -> None:
         """Fuse groups of messages to frames, and let the pool detect in them if it is due."""
@@ -205,13 +209,14 @@ class RunningCentre:
     def _give_out(self) -> Iterator[CentreFrame]:
         """Take the detections that are done, and yield the frames that are, in their order."""
         while self._frames:
-            entry = self._frames[0]
+            entry = self._frames[0]  # the oldest
+            # detections in later frames must not update the tracks before this frame is given out
             self._take_detections(entry.frame.time)
             if not self._is_ready(entry.frame.time):
                 return
             self._frames.popleft()
             yield self._finish(entry)
-        self._take_detections(np.inf)
+        self._take_detections(np.inf)  # no frame waits, so all that are done
 
     def _is_ready(self, time_s: float) -> bool:
         """Return True if a frame is to wait no longer; time_s: its time (s)."""
@@ -219,7 +224,10 @@ class RunningCentre:
         return is_settled or self._find_remaining(time_s) <= _TOLERANCE_S
 
     def _take_detections(self, time_s: float) -> None:
-        """Update the tracks with the detections that are done, in frames up to a time (s)."""
+        """Update the tracks with the detections that are done, in frames up to a time (s).
+
+        Those in the oldest frame at work are kept with it; those in a frame that is out already
+        are late results, which the next frame given out reports."""
         for result in self._pool.take(time_s):
             first = self._frames[0] if self._frames else None
             if first is not None and result.frame is first.frame:

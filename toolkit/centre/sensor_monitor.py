@@ -91,7 +91,7 @@ class SensorMonitor:
             )
         self._scene = scene
         self._silent_after = silent_after
-        self._newest = start  # time (s) of the newest data
+        self._newest_s = start  # time of the newest data
         # pixels that should return something
         self._returns = (scene.first > 0) & (scene.share >= MIN_OPEN_SHARE)
         self._returns &= True if view is None else view
@@ -106,9 +106,10 @@ class SensorMonitor:
     ) -> Fault | None:
         """Return the fault of the sensor at a time, None without one.
 
-        newest: newest data, None before the first; covered: returns the mask of the pixels in which
-        objects that others see are in front of its empty scene, called only if foreground has
-        hardly a pixel. Raises ValueError for an image of another size than the empty scene."""
+        now: time (s); newest: newest data, None before the first; covered: returns the mask of the
+        pixels in which other sensors see objects between this sensor and its empty scene. It is
+        called only if the sensor sent a foreground with hardly a pixel. Raises ValueError for an
+        image of another size than the empty scene."""
         if newest is not None and newest.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
             raise ValueError(
@@ -117,7 +118,8 @@ class SensorMonitor:
             )
         if newest is not None and self._is_new(newest, now):
             self._read(newest, covered)
-        if not now - self._newest <= self._silent_after + 1e-9:
+        # `not <=`, so that a time of NaN is silence, too
+        if not now - self._newest_s <= self._silent_after + 1e-9:
             return Fault.SILENT
         if self._repeats >= MIN_REPEATS:
             return Fault.FROZEN
@@ -129,14 +131,14 @@ class SensorMonitor:
         """Return True for data that were not read yet, unless they are from the future."""
         if not newest.time <= now + MAX_CLOCK_AHEAD_S:
             return False
-        return self._pixels is None or newest.time > self._newest
+        return self._pixels is None or newest.time > self._newest_s
 
     def _read(self, newest: Shown, covered: Callable[[], ImageMask] | None) -> None:
         """Read new data, and count messages in a row that show the sensor frozen, blind or shifted.
 
         With `sent`, only part of the pixels was sent (a foreground). covered: returns the mask of
         the pixels in which objects that others see are in front of the empty scene."""
-        self._newest = newest.time
+        self._newest_s = newest.time
         is_returned = is_return(newest.image, self._scene.model.max_range)
         is_returned &= True if newest.sent is None else newest.sent
         pixels = np.where(is_returned, newest.image, np.float32(0))

@@ -128,9 +128,9 @@ def _find_doubled(
 
     No value of two such boxes differs by more than `MAX_DOUBLED_GAP`. rows: numbers of the rows to
     compare, in order."""
-    # with the extra "", an array without categories is one of texts, too; its number is cut off
-    _, category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)
-    values = np.column_stack([boxes, category_numbers[:-1]])
+    # equal numbers for equal categories, so that these can be compared like the boxes
+    _, category_numbers = np.unique(np.array(categories, str), return_inverse=True)
+    values = np.column_stack([boxes, category_numbers])
     x = boxes[:, 0]
     rows_by_x = rows[np.argsort(x[rows], kind="stable")]
     is_near_next = np.diff(x[rows_by_x]) <= MAX_DOUBLED_GAP

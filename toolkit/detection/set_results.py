@@ -161,6 +161,7 @@ class SetResults:
         None without a rate of frames, without sensors, or if frames differ in their number of
         sensors."""
         rate = self.job.comparison.rate
+        # `self.bits` has for each frame the bits that each sensor sent, in an array
         sensor_counts = {len(bits) for bits in self.bits}
         if rate is None or len(sensor_counts) != 1 or sensor_counts == {0}:
             return None

@@ -158,20 +158,28 @@ def _spread(
     by_entry: bool,
     side: float,
 ) -> dict[tuple[str, str], Float64[np.ndarray, "2"]]:
-    """Begin or end of each band on the circle, next to each other at each arm.
+    """Place at which each band begins or ends, as x, y by names of its entry and exit.
+
+    A band is the stripe of one movement, as wide as its count. The arms end on a circle of radius 1
+    about the junction's middle; the bands of an arm are side by side there.
 
     Args:
-        counts: Counts by entry and exit.
-        outwards: Direction of each arm.
-        by_entry: True for begins, False for ends.
-        side: Where their middle is, to the left of the direction out of the junction."""
+        counts: Counts by names of entry and exit.
+        outwards: Unit vector x, y from the middle to each arm, by its name.
+        by_entry: True for begins, at the entry; False for ends, at the exit.
+        side: Distance from the arm's middle line to the middle of its bands, positive to the left
+            when looking out of the junction."""
     widths = _band_widths(counts)
+    # places of the arm itself and of the other arm in a key (entry, exit)
+    arm_place = 0 if by_entry else 1
+    other_place = 1 - arm_place
     places = {}
     for arm, outward in outwards.items():
         left = np.array([-outward[1], outward[0]])
-        keys = [key for key in counts if key[0 if by_entry else 1] == arm]
+        keys = [key for key in counts if key[arm_place] == arm]
         # clockwise by the other arm, so that bands of one arm do not cross
-        keys.sort(key=lambda key: _measure_turn(outward, outwards[key[1 if by_entry else 0]]))
+        keys.sort(key=lambda key: _measure_turn(outward, outwards[key[other_place]]))
+        # distance to the left of the middle line, at the right edge of the next band
         offset = side - sum(widths[key] for key in keys) / 2
         for key in keys:
             places[key] = outward + (offset + widths[key] / 2) * left

@@ -386,6 +386,7 @@ class Renderer:
         for row, top, bottom, left, right in sensor.model.windows(sensor_corners).tolist():
             scene, body_from_world = movers[row]
             pixels = slice(top, bottom), slice(left, right)
+            # infinite for rays that miss the body, so these are never nearer
             body_image = self._cast(scene, rays[pixels], body_from_world @ sensor.pose)
             is_nearer = body_image < np.where(image[pixels] > 0, image[pixels], max_range)
             np.copyto(image[pixels], body_image, where=is_nearer)

@@ -460,9 +460,11 @@ def find_touching(ground: Footprints) -> Mask:
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     # from object i to object j, (i, j, x y)
     offset = middle[None] - middle[:, None]
-    # Separating axes: two rectangles are apart if they are apart along a side of either one. In the
-    # products, (object i, axis a of i, object j), both half extents along the axis are added.
+    # Separating axes: two rectangles are apart if they are apart along a side of either one.
+    # `cosines` of the angles between axis a of object i and axis b of object j: (i, a, j, b)
     cosines = np.abs(np.einsum("iac,jbc->iajb", axes, axes))
+    # (i, a, j): sum of the half extents of i and j along axis a of i, and distance of their middles
+    # along that axis
     reach = half_sizes[:, :, None] + np.einsum("iajb,jb->iaj", cosines, half_sizes)
     distance = np.abs(np.einsum("ijc,iac->iaj", offset, axes))
     is_apart = (distance > reach + OVERLAP_SLACK).any(axis=1)

@@ -54,10 +54,10 @@ class ShardFolder:
         return None
 
     def open(self, overwrite: bool) -> None:
-        """Make the folder, or continue in it if it has the same plan.
+        """Begin a run in the folder, or continue the one that was killed there with the same plan.
 
-        overwrite: True to begin again in a folder of another plan, which otherwise raises
-        FileExistsError."""
+        The folder must exist, as it does within `lock`. overwrite: True to begin again, without the
+        shards made so far, in a folder of another plan, which otherwise raises FileExistsError."""
         stored_plan = self.found
         differences = "" if stored_plan is None else describe_differences(stored_plan, self.plan)
         if differences and not overwrite:

@@ -171,6 +171,8 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
         path = folder / f"{start}.{number}{UNFINISHED}{suffix or ''}"
         existed = path.exists()
         try:
+            # on systems without locks, an entry that existed may be another writer's, so only one
+            # that is new is opened
             descriptor = take(path, folder=suffix is None, unlocked=not existed)
         except PermissionError:
             if not existed:
@@ -185,9 +187,10 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
                 f"{path}, which a killed run left, is removed and begun anew", stacklevel=2
             )
             for entry in left_entries:
-                shutil.rmtree(
-                    entry
-                ) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
+                if entry.is_dir() and not entry.is_symlink():
+                    shutil.rmtree(entry)
+                else:
+                    entry.unlink()
         return path, descriptor
     raise FileExistsError(f"{folder} is full of files {start}.N{UNFINISHED}: remove them")
 

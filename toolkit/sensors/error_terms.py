@@ -399,16 +399,19 @@ class Glass(_Term):
         shape = reading.measurement.shape
         is_pane = rng.random(shape) < self.share  # not a pillar
         returns_from_inside = rng.random(shape) < self.behind
-        depth_share = rng.random(shape)  # share of the way from the glass to the far side
+        way_share = rng.random(shape)  # share of the way from the glass to the far side
         is_glass = self.band(reading.truth) & is_pane & reading.valid
         is_inside = is_glass & returns_from_inside
         pixels = np.flatnonzero(is_inside)
         # for each pixel, m behind the glass along the ray
-        depth = np.zeros(is_glass.size)
-        depth[pixels] = depth_share.ravel()[pixels] * _depths_of_boxes(reading.truth, pixels)
-        # a camera measures the depth along its axis, which is shorter than the way along the ray
-        deeper = (depth.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
-        measurement = np.where(is_inside, reading.measurement + deeper, reading.measurement)
+        added_range = np.zeros(is_glass.size)
+        added_range[pixels] = way_share.ravel()[pixels] * _depths_of_boxes(reading.truth, pixels)
+        # `ray_lengths`: m of range in one measured metre, as a camera measures along its axis,
+        # which is shorter than along the ray; 1 for sensors that measure ranges
+        added_measurement = added_range.reshape(shape) / reading.truth.ray_lengths
+        added_measurement = added_measurement.astype(np.float32)
+        measurement = reading.measurement + added_measurement
+        measurement = np.where(is_inside, measurement, reading.measurement)
         return reading.measuring(measurement).without(is_glass & ~returns_from_inside)
 
     def band(self, truth: TrueImage) -> ImageMask:

@@ -62,13 +62,14 @@ class Supply:
             zip(self.labels.tolist(), self.sizes, strict=True)
         ):
             for position in range(POSITIONS):
-                # m to the left of the lane's middle, and behind the object ahead
-                aside = np.clip(self.rng.normal(0, LANE_OFFSETS_M[label]), -1.2, 1.2)
+                # m from the lane's middle to the object, positive to the left
+                offset = np.clip(self.rng.normal(0, LANE_OFFSETS_M[label]), -1.2, 1.2)
+                # m from the object ahead to this one when both stand
                 gap = self.rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
                 elements.append(
                     f'<vType id="{row}-{position}" vClass="{self.classes[row]}" '
                     f'length="{length:.3f}" width="{width:.3f}" height="{height:.3f}" '
-                    f'minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
+                    f'minGap="{gap:.2f}" latAlignment="{offset:.2f}"/>'
                 )
         return "<additional>\n" + "\n".join(elements) + "\n</additional>\n"
 

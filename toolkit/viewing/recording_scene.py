@@ -200,7 +200,9 @@ def _add_boxes(
 
 
 def nodes_of_kind(kind: str, *, with_outcomes: bool, with_trails: bool = False) -> list[str]:
-    """Paths of the nodes above all boxes and tags of one kind, and above its trails if wanted.
+    """Paths of the nodes of one kind, such as "/truth/KIND"; hiding them hides all that is below.
+
+    Below them are the boxes and tags of that kind in all frames, and its trails if wanted.
 
     kind: one of `BOX_KINDS`; with_outcomes: whether to include the nodes of outcomes, besides
     labels and detections; with_trails: whether to include the node of trails."""

@@ -116,7 +116,10 @@ def _list_poles(plan: content.Plan) -> list[str]:
 
 
 def count_sensors(count: int, model: str) -> str:
-    """Write a number of sensors of a model. Kinds of sensors have a plural; products do not.
+    """Write a number of sensors of a model, such as "2 depth cameras".
+
+    The name of a kind of sensor gets a plural, the name of a product follows the number and ×.
+    model: name of a kind (a key of `MODELS`, also with spaces) or of a product.
 
     >>> count_sensors(2, "depth-camera"), count_sensors(2, "Ouster OS1")
     ('2 depth cameras', '2 × Ouster OS1')

@@ -230,13 +230,15 @@ class Judge:
     ) -> tuple[list[SetJudgement], DrawnAPs]:
         """Judge sets intact and in all requested cases.
 
-        Also returns the AP of each set in each resample, with the axes set and resample, for the
-        result by which sets are compared (`SetJudgement.counted`).
+        The kinds of cases are levels of traffic, failures and error profiles. Sets are compared by
+        the result of the last requested one in this order, else by the intact result
+        (`SetJudgement.counted`). The AP in that result of each set in each resample comes back,
+        too, with the axes set and resample.
 
-        sets: a row of booleans over all candidates for each set; stage: function that returns a
-        progress callback, or None, for the name of a stage; it is called for every kind of case
-        except levels; judge_drawn: judges sets over one kind of case, as `Judge.judge_drawn` does,
-        which is used if it is None."""
+        sets: a row of booleans over all candidates for each set; stage: called with the name of
+        each stage of the work ("chosen set", "failures", "errors"; levels have none), returns a
+        function to call with the number of frames done, or None; judge_drawn: judges sets over one
+        kind of case, as `Judge.judge_drawn` does, which is used if it is None."""
         judge_drawn = judge_drawn or self.judge_drawn
         first_profile = replace(self.cases, errors=self.cases.profiles[0])
         # the last kind of case that was requested gives the draws, as in `SetJudgement.counted`
@@ -277,7 +279,8 @@ class Judge:
     def by_errors(self, members: tuple[int, ...]) -> dict[str, Judgement]:
         """Judge one set at each error profile, by its name; empty if there is one profile.
 
-        Failures and levels count as the cases ask; other drawings of the site do not.
+        Failures and levels of traffic are reduced as the cases ask. If the plan has several random
+        variants of the site (`drawings`), only the first one counts.
 
         members: indices of the set's candidates."""
         if len(self.profiles) == 1:

@@ -40,7 +40,9 @@ def format_stock(question: Question, candidates: Candidates) -> Json:
     """Return the stock of a plan for plan.json, in the site's metres.
 
     The stock has poles, sensor models, prices and keep-out areas. If the candidates are all poses
-    on some poles, it has the heights, number of headings and tilts; otherwise it has each sensor.
+    on some poles, each height with each heading and tilt (`is_product`), it has the heights, number
+    of headings and tilts, and None for the sensors; otherwise it has each sensor, and None for
+    these.
 
     question: question with the stock; candidates: sensors that the stock offers."""
     stock = question.stock

@@ -409,7 +409,11 @@ def _describe_codec(question: Question) -> str:
 
 
 def _describe_errors(question: Question) -> str:
-    """Describe in sentences the sensor errors that count in comparison and judgement."""
+    """Describe in sentences the sensor errors that count in comparison and judgement.
+
+    Searches, and the kbit that they weigh against AP, know only the noise of the sensors' models.
+    `describe_errors` of the cases gives words such as "at the worst of the error profiles a and b",
+    which follow "The AP by which they are compared is that"."""
     cases = question.cases
     if cases.noise_only:
         return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."

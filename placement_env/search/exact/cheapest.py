@@ -528,6 +528,7 @@ def _build_result(
         )
         return progress.result("cheapest", no_set)
     progress.settle(sorted(solution.members))
+    # the best set as the only row of an array of sets, and its price
     price = float(progress.objective.price(progress.best[None])[0])
     bound = price if solution.optimal else min(bound, price)
     note = f"{condition} for {price:g}, and no set that does costs less than {bound:g}{remark}"

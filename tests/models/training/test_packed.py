@@ -106,3 +106,16 @@ def test_a_slope_of_a_file_that_is_none_is_refused(packed_file, tmp_path):
         file["rigs/0"].attrs["slope"] = [0.5, 0.0]
     with pytest.raises(ValueError, match="slope must be a rise along x and along y"):
         PackedFrames(broken)
+
+
+@pytest.mark.parametrize("number", [-7, 10_000_000])
+def test_a_pixel_that_the_sensor_lacks_is_named(packed_file, tmp_path, number):
+    broken = tmp_path / "broken.packed"
+    broken.write_bytes(packed_file.read_bytes())
+    with h5py.File(broken, "r+") as file:
+        pixels = file["rigs/0/pixels"][:].astype(np.int64)
+        pixels[0] = number
+        del file["rigs/0/pixels"]
+        file["rigs/0/pixels"] = pixels
+    with pytest.raises(ValueError, match=rf"rigs/0/pixels must be of the .* got {number}\b"):
+        PackedFrames(broken)

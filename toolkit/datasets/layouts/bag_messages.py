@@ -95,9 +95,10 @@ def open_bag(path: Path) -> Iterator[list[RosObject]]:
 
 
 def enter_bag_folder(path: Path) -> Path:
-    """Return the folder of the only bag in a folder without bag files, else the path itself.
+    """Return the subfolder that holds the bag, or the path itself if there is no such subfolder.
 
-    Writing makes such a folder, with the bag one level below."""
+    Writing makes a folder with the bag one level below. If the path is a folder without files of a
+    bag, and exactly one of its subfolders is a bag, this subfolder comes back."""
     if not path.is_dir() or lexists(path / "metadata.yaml") or list_bags(path):
         return path
     folders = [folder for folder in sorted(path.iterdir()) if lexists(folder / "metadata.yaml")]

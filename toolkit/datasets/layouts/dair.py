@@ -71,7 +71,8 @@ def dair(path: Path) -> listing.Listing:
         )
     labelled = _list_labels(path, _LABELS)
     stamps = _read_stamps(path)
-    # clouds far from their sensor's origin are counted from the middle of the first one
+    # If points are far from their sensor's origin, coordinates of all clouds count from the middle
+    # of the folder's first cloud.
     middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
     load = partial(_load_side, path, stamps, middles, bool(labelled))
     return listing.Listing(names, load, labelled=labelled)

@@ -133,7 +133,8 @@ def _parse(name: str, content: bytes) -> _Message:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
-    # with the package, types differ from those without it
+    # class by name of the type; `Any`, as type checkers know the classes only if the package that
+    # has them is installed
     kinds: dict[str, Any] = {
         POINT_CLOUD: PointCloud,
         TRANSFORM: FrameTransform,

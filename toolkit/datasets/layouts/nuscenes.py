@@ -150,8 +150,10 @@ def _group_lidars(tables: dict[str, dict[str, _Row]]) -> tuple[dict[str, list[_R
 def _read_rows(path: Path, *, is_list: bool) -> dict[str, _Row]:
     """Read the rows of a table by token.
 
-    is_list: True for a table whose tokens no other refers to: all rows are kept, and repeated
-    tokens get a number. Raises ValueError for rows of one token that differ."""
+    is_list: True for a table whose rows no other table refers to. Then all rows are kept, and a
+    token that was there before gets a number. Otherwise a token names one row, and two rows with
+    one token that differ raise ValueError, as does a damaged file."""
+    # errors within become one that names the file
     with name_damage(path, "table"):
         rows = record_values.as_list(record_values.load_json(path))
         by_token: dict[str, _Row] = {}

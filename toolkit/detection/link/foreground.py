@@ -72,7 +72,8 @@ class SendsForeground(DetectsOnce):
             """Return the points (world frame, m) restored at the centre, and the bits sent."""
             captured = view.captured(sensor)
             scene = view.scene(sensor)
-            # pixels to send, and those without a return in which the scene would be drawn
+            # `pixels`: those to send, which differ from the scene. `missing`: those without a
+            # return, in which the centre must be told not to draw the scene
             foreground = standing_out(captured, scene, self.sigmas)
             image = captured.sending(foreground.pixels)
             message, restored = self.exchange(view, sensor, image, missing=foreground.missing)
@@ -82,6 +83,7 @@ class SendsForeground(DetectsOnce):
             shows_scene = ~(restored.sent | restored.missing).ravel()[drawn_scene.pixels]
             return np.concatenate([sent_points, drawn_scene.points[shows_scene]]), 8 * len(message)
 
+        # calls `through` unless the view has the result for this sensor and digest already
         return view.transmit(sensor, name=self.digest, through=through)
 
     def exchange(

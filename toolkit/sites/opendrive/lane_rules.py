@@ -85,8 +85,8 @@ def find_cuts(road: ElementTree.Element, sections: Sequence[LaneSection]) -> set
     for section in sections:
         for lane in section.lanes:
             rules = [*lane.element.findall("speed"), *lane.element.findall("access")]
-            # sOffset counts from the start of the map's <laneSection>; `section` is a part that
-            # starts `lane.offset` m later
+            # A section may be a later part of a <laneSection>: it begins `lane.offset` m after the
+            # start of that <laneSection>, from which sOffset of the rules counts.
             description_start = section.start - lane.offset
             cuts |= {description_start + read_number(rule, "sOffset", 0.0) for rule in rules}
     return cuts

@@ -77,10 +77,11 @@ def _find_partner(
 ) -> Carriageway:
     """Carriageway of another road to which most lanes at an end of `road` are linked.
 
+    If no lane is linked, the other road's last carriageway comes back. Its lanes are driven in the
+    usual direction of their side, unless the road has contraflow lanes only.
+
     writer: has the carriageways of all roads. direction: the end of `road`; name: id of the other
-    road; contact: end of the other road ("start" or "end").
-    Without linked lanes it is the other road's last one, with lanes in the usual direction of their
-    side."""
+    road; contact: end of the other road ("start" or "end")."""
     is_before = direction == "predecessor"
     section = road.sections[0 if is_before else -1]
     partners: Counter[Carriageway] = Counter()  # number of lanes linked to each
@@ -91,6 +92,6 @@ def _find_partner(
                 carriageway, _ = partner
                 partners[carriageway] += 1
     if not partners:
-        return writer.roads[name][-1]
+        return writer.roads[name][-1]  # contraflow lanes are in those before it
     ((partner_with_most, _),) = partners.most_common(1)
     return partner_with_most

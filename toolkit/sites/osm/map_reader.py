@@ -35,12 +35,12 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     Raises ValueError if the file is of another kind, is damaged, incomplete or empty, or `centre`
     is outside it."""
     raw_map = RawMap.read(path)
-    if not raw_map.degrees:
+    if not raw_map.node_lon_lats:
         raise ValueError(f"{path}: the map is empty: it has no node with a latitude and longitude")
-    lon_lats = np.array(list(raw_map.degrees.values()))
+    lon_lats = np.array(list(raw_map.node_lon_lats.values()))
     _check_centre(path, centre, raw_map.bounds, lon_lats)
     metres = project(lon_lats, centre) @ plane_rotation(-heading).T
-    positions = dict(zip(raw_map.degrees, metres, strict=True))
+    positions = dict(zip(raw_map.node_lon_lats, metres, strict=True))
     ways = _make_ways(raw_map, positions)
     areas = tuple(_list_areas(ways, raw_map.multipolygons))
     places = tuple((positions[name], tags) for name, tags in raw_map.node_tags.items())

@@ -49,7 +49,7 @@ class RawMap:
     """Contents of a map file.
 
     Attributes:
-        degrees: longitude and latitude of nodes by id.
+        node_lon_lats: longitude and latitude (degrees) of nodes by id.
         node_tags: tags of the nodes that have any, by id.
         bounds: west, south, east and north (degrees) of each <bounds>.
         ways: ways by id.
@@ -57,7 +57,7 @@ class RawMap:
         restrictions: turns that the map forbids or prescribes.
         oddities: number of parts that were left out or changed, by the words of their note."""
 
-    degrees: dict[str, list[float]] = field(default_factory=dict)
+    node_lon_lats: dict[str, list[float]] = field(default_factory=dict)
     node_tags: dict[str, Tags] = field(default_factory=dict)
     bounds: list[list[float]] = field(default_factory=list)
     ways: dict[str, RawWay] = field(default_factory=dict)
@@ -101,7 +101,7 @@ class RawMap:
         """Remove a node or way that an earlier element described."""
         name = element.get("id", "")
         if element.tag == "node":
-            self.degrees.pop(name, None)
+            self.node_lon_lats.pop(name, None)
             self.node_tags.pop(name, None)
         elif element.tag == "way":
             self.ways.pop(name, None)
@@ -109,13 +109,13 @@ class RawMap:
     def _add_node(self, element: ElementTree.Element, tags: Tags) -> None:
         """Add a node with its tags if it is a place on earth, and count it as odd if not."""
         name = element.get("id", "")
-        degrees = _read_degrees(element, "lon", "lat")
-        is_on_earth = not np.isnan(degrees[0])
+        lon_lat = _read_degrees(element, "lon", "lat")
+        is_on_earth = not np.isnan(lon_lat[0])
         # a bool counts as 0 or 1; a node that is there twice at the same place is not odd
         self.oddities[OFF_EARTH_NOTE] += not is_on_earth
-        self.oddities[TWICE_NOTE] += self.degrees.get(name, degrees) != degrees
+        self.oddities[TWICE_NOTE] += self.node_lon_lats.get(name, lon_lat) != lon_lat
         if is_on_earth:
-            self.degrees[name] = degrees
+            self.node_lon_lats[name] = lon_lat
             if tags:
                 self.node_tags[name] = tags
 
@@ -129,11 +129,11 @@ class RawMap:
         self.ways[name] = RawWay(nodes, tags)
         for row in element.iter("nd"):
             node = row.get("ref", "")
-            if row.get("lat") is None or node in self.degrees:
+            if row.get("lat") is None or node in self.node_lon_lats:
                 continue
-            degrees = _read_degrees(row, "lon", "lat")
-            if not np.isnan(degrees[0]):
-                self.degrees[node] = degrees
+            lon_lat = _read_degrees(row, "lon", "lat")
+            if not np.isnan(lon_lat[0]):
+                self.node_lon_lats[node] = lon_lat
 
 
 def _read_degrees(element: ElementTree.Element, lon_key: str, lat_key: str) -> list[float]:

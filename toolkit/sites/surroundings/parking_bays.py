@@ -37,7 +37,8 @@ def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int]
         bays = bays[rng.random(len(bays)) < rng.uniform(0.35, 1.0)]
         is_free = []
         for bay in bays:
-            # parts that reach into the lane or to neighbours do not count
+            # The ground that a bay must have to itself: parts in a driven lane do not count, and it
+            # is smaller by 2 cm all round, so that bays side by side do not overlap.
             ground = bay_outline(bay, ground_size).difference(plot.driven_ground).buffer(-0.02)
             is_free.append(bool(window.contains(ground) and plot.claim(ground, on_shoulders=True)))
         free_bays.append(bays[is_free].reshape(-1, 3))
