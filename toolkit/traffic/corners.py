@@ -14,9 +14,9 @@ from toolkit.traffic.occupancy import Occupancy
 
 LINE_SPACING_M = 0.2
 MAX_DETOUR_M = 3.0  # to the side of the course
-MARGIN_M = 0.2  # to solids, beyond the nearest line without one
+HOUSE_MARGIN_M = 0.2  # to solids, beyond the nearest line without one
 EARLY_STEPS = 25  # before and after a solid, within which the detour begins and ends
-SMOOTHING_STEPS = 10.0  # standard deviation of the mean that rounds the detour
+DETOUR_SMOOTHING_STEPS = 10.0  # standard deviation of the mean that rounds the detour
 GAP_M = 0.14  # to parked vehicles
 
 
@@ -44,8 +44,10 @@ def walk_round(course: Course, occupancy: Occupancy) -> Course | None:
         width = min(width_left, width_right)
         if not np.isfinite(width):
             return None
-        detour_m[stretch] = width + MARGIN_M if width_left <= width_right else -width - MARGIN_M
-    smoothed = smooth_rows(detour_m[:, None], SMOOTHING_STEPS)[:, 0]
+        detour_m[stretch] = (
+            width + HOUSE_MARGIN_M if width_left <= width_right else -width - HOUSE_MARGIN_M
+        )
+    smoothed = smooth_rows(detour_m[:, None], DETOUR_SMOOTHING_STEPS)[:, 0]
     poses = course.shift(rows, smoothed)
     # turned as much as the path is
     facing = face_course(course.poses[:, :2], yaw=0.0)

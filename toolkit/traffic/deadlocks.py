@@ -6,9 +6,9 @@ gets through the junction."""
 from types import ModuleType
 from typing import NamedTuple
 
-PATIENCE_S = 10.0  # standing of both, before one of them goes
-REACH_M = 30.0  # along a lane, within which others may be in the way
-_IGNORED = "junctionModel.ignoreIDs"  # SUMO's parameter of those whom a driver does not wait for
+DEADLOCK_S = 10.0  # standing of both, before one of them goes
+FOE_REACH_M = 30.0  # along a lane, within which others may be in the way
+_IGNORED = "junctionModel.ignoreIDs"  # SUMO's parameter: drivers that need not be waited for
 
 
 class _Foe(NamedTuple):
@@ -47,13 +47,13 @@ def end_deadlocks(sumo: ModuleType) -> None:
         name
         for name in vehicles.getIDList()
         # names of lanes inside a junction begin with a colon
-        if vehicles.getLaneID(name).startswith(":") and vehicles.getWaitingTime(name) >= PATIENCE_S
+        if vehicles.getLaneID(name).startswith(":") and vehicles.getWaitingTime(name) >= DEADLOCK_S
     }
     if len(standing) < 2:
         return
     for name in sorted(standing):
         ignored = vehicles.getParameter(name, _IGNORED).split()
-        for foe in [_Foe(*values) for values in vehicles.getJunctionFoes(name, REACH_M)]:
+        for foe in [_Foe(*values) for values in vehicles.getJunctionFoes(name, FOE_REACH_M)]:
             if not (foe.name in standing and foe.gives_way and foe.foe_gives_way):
                 continue
             if foe.distance <= foe.foe_distance and foe.name not in ignored:
