@@ -222,7 +222,7 @@ class RaceRules:
 
         Args:
             sets: Number of sets of this rung.
-            best: Likeliest figure of the best of them.
+            best: Likeliest figure of the best set.
             spent: Set-frames scored so far.
             next_frames: Frames that the next rung adds."""
         most = self.most

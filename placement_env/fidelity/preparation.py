@@ -75,7 +75,7 @@ class Preparation:
         for snapshot in self.traffic.snapshots:
             is_in_area = scored(snapshot.objects, self.setting.place, all_classes)
             counts.append(is_in_area.sum())
-        # of these cases only the number of levels matters
+        # only the number of levels of these cases matters
         return Cases(levels=levels).split(np.array(counts, np.int64))
 
     @cached_property

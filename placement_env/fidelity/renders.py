@@ -403,10 +403,10 @@ class Recorded:
         return np.isin(objects.ids, self.ways[k].ids)
 
     def _frame(self, k: int) -> Frame:
-        """Frame k of those in use, with noise and errors.
+        """Frame k among the used ones, with noise and errors.
 
         The last one is kept, as its sensors are read in turn."""
-        # its number in the recording, of which `self.ways` may list only some frames
+        # its number in the recording; `self.ways` may list only some frames
         index = k if self.ways is None else self.ways[k].number
         if self._last is None or self._last.index != index:
             self._last = read_frame(

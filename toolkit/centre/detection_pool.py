@@ -1,6 +1,6 @@
 """`DetectionPool`: detection in the frames of a centre, next to the loop that gives them out.
 
-Threads detect, so that nothing else waits for a detection. A frame that comes while all of them are
+Threads detect, so that nothing else waits for a detection. A frame that comes while all are
 at work waits for the next one that is free, unless a newer frame takes its place. So detection
 takes place as often as it can, always in the newest frame, and never falls behind."""
 

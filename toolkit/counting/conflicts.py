@@ -125,21 +125,21 @@ class _CommonPlaces(NamedTuple):
 def _find_conflict(user: Trajectory, partner: Trajectory, max_pet: float) -> Conflict | None:
     """Conflict of two road users, None without one.
 
-    It is where the time between their visits of one place, the post-encroachment time, is shortest.
+    The time between their visits, the post-encroachment time, is shortest there.
     Road users who go the same way have none. max_pet: largest such time of a conflict (s)."""
     # `places.gaps`: time of the partner less time of the user at each common place (s)
     places = _find_common_places(user, partner, max_pet)
     if not len(places.gaps):
         return None
     shortest = np.abs(places.gaps).min()
-    # places with the shortest time but for rounding, of which the middle one is taken
+    # places with the shortest time but for rounding; the middle one is taken
     nearest = np.flatnonzero(np.abs(places.gaps) <= shortest + 1e-6)
     middle = int(nearest[len(nearest) // 2])
     row = int(places.rows[middle])
     partner_row = int(places.partner_rows[middle])
     angle = _angle_deg(user.velocities[row], partner.velocities[partner_row])
-    # The angle also at one moment for both, between their visits: of two side by side in a bend the
-    # directions may differ at the place, but not at that moment.
+    # The angle also at one moment for both, between their visits: directions of two side by side in
+    # a bend may differ at the place, but not at that moment.
     moment = (user.times[row] + partner.times[partner_row]) / 2
     together_angle = _angle_deg(_find_velocity(user, moment), _find_velocity(partner, moment))
     if min(angle, together_angle) <= MIN_CROSSING_DEG:

@@ -92,8 +92,8 @@ def parse_intrinsic(
 ) -> DepthCamera:
     """Camera with this published intrinsic matrix and image size, that measures every second pixel.
 
-    published: (3, 3) matrix whose columns are x forward, y and z, in pixels; height, width: of the
-    full image (pixels); name: what errors call the matrix. Raises ValueError unless the matrix is
+    published: (3, 3) matrix whose columns are x forward, y and z, in pixels; height, width: full
+    image (pixels); name: what errors call the matrix. Raises ValueError unless the matrix is
     such a forward-first one with one focal length."""
     matrix = np.asarray(published, np.float64)
     form = "[[cu, f, 0], [cv, 0, -f], [1, 0, 0]]"

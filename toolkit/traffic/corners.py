@@ -23,7 +23,7 @@ GAP_M = 0.14  # to parked vehicles
 def walk_round(course: Course, occupancy: Occupancy) -> Course | None:
     """Return a pedestrian's course that goes round solids and parked vehicles.
 
-    It has the same steps. None if some of them is wider than `MAX_DETOUR_M` on both sides."""
+    It has the same steps. None if a solid is wider than `MAX_DETOUR_M` on both sides."""
     line_count = round(MAX_DETOUR_M / LINE_SPACING_M)
     asides = LINE_SPACING_M * np.arange(-line_count, line_count + 1)
     rows = np.arange(len(course.poses), dtype=np.float64)

@@ -34,7 +34,7 @@ class Course:
     def changes(self) -> Float64[np.ndarray, "steps 3"]:
         """Change (x, y in m, yaw in rad) from each pose to the next; headings turn the shorter way.
 
-        That of the last pose is 0."""
+        The last pose has 0."""
         changes = np.zeros_like(self.poses)
         changes[:-1] = np.diff(self.poses, axis=0)
         changes[:, 2] = np.arctan2(np.sin(changes[:, 2]), np.cos(changes[:, 2]))

@@ -16,9 +16,9 @@ class _Foe(NamedTuple):
 
     Attributes:
         name: SUMO's name.
-        distance: To where both lanes meet (m), negative beyond it.
+        distance: Distance to the meeting of both lanes (m), negative beyond it.
         foe_distance: The same of the other one.
-        exit_distance: To where they part again (m).
+        exit_distance: Distance to their parting (m).
         foe_exit_distance: The same of the other one.
         lane: SUMO's name of the lane.
         foe_lane: The same of the other one.
@@ -39,7 +39,7 @@ class _Foe(NamedTuple):
 def end_deadlocks(sumo: ModuleType) -> None:
     """Let one of two drivers go who stand in a junction and give way to each other.
 
-    It is the one who is nearer to where their lanes meet, or farther beyond.
+    It is the one nearer to the meeting of their lanes, or farther beyond it.
 
     sumo: libsumo module with a running simulation."""
     vehicles = sumo.vehicle

@@ -74,7 +74,7 @@ def choose_set(
     """Choose the answer among the entrants, which are the sets that the searches found.
 
     Without a required AP, or if no set reaches it, sets of each size race, and the close ones are
-    judged on all frames, the winners of the other sizes in a sample of them.
+    judged on all frames, the winners of the other sizes in a sample.
 
     Args:
         objective: Objective of the searches.

@@ -3,7 +3,7 @@
 Sets of one size race each other until the best is known well enough (`contest`). A size contends
 if its winner is expected within `NEAR_TIE_AP` of the best of all sizes: only then can the winner
 be the answer. Sizes below one that does not contend do not race. The sets of contending sizes near
-the best are judged on all frames, the winners of the other sizes in a sample of them."""
+the best are judged on all frames, the winners of the other sizes in a sample."""
 
 import math
 from dataclasses import dataclass

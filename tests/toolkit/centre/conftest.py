@@ -57,7 +57,7 @@ class ManualClock:
         self._alarms.sort(key=lambda alarm: alarm[0])
 
     def move(self, time_s: float) -> None:
-        """Show a time that is not before the present one, or that of an alarm before it."""
+        """Show a time that is not before the present one, or the time of an alarm before it."""
         if self._alarms:
             time_s = min(time_s, self._alarms[0][0])
         self.time_s = max(self.time_s, time_s)

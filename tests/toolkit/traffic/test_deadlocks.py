@@ -1,4 +1,4 @@
-"""Deadlocks: of two drivers who give way to each other, one goes."""
+"""Deadlocks: one of two drivers who give way to each other goes."""
 
 from types import SimpleNamespace
 
