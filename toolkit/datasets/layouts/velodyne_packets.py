@@ -133,7 +133,7 @@ def open_velodynes(path: Path) -> VelodyneCapture | Counter[int]:
 def read_packets(path: Path, *, is_first: bool = False) -> Iterator[tuple[float, str, bytes]]:
     """Yield capture time (s), source address and data of every UDP packet.
 
-    Packets that were cut are left out. is_first: True for the first reading, which warns about cuts.
+    Packets that were cut are left out. is_first: True for the first reading, which warns of cuts.
     """
     import dpkt
 
