@@ -4,7 +4,7 @@ coview_run = 1                  # version of this format
 detector = "general"            # as in coview detect
 detect_every = 2                # in every second frame; 1 when left out
 parallel = 2                    # frames in which it detects at the same time; 1 when left out
-deadline_s = 0.1                # from a frame's last point; 10 to wait for its detection
+deadline_s = 0.08               # from a frame's last point; 10 to wait for its detection
 
 [[input]]                       # one recording or junction, or several lidars
 kind = "recording"              # replayed at its pace

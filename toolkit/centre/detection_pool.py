@@ -17,7 +17,7 @@ from toolkit.frame import Frame
 from toolkit.objects import Detector
 from toolkit.sites.site import Site
 
-DEADLINE_S = 0.1
+DEADLINE_S = 0.08  # so that what is written is out within 0.12 s
 
 
 @dataclass(frozen=True)

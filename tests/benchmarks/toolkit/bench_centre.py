@@ -1,7 +1,7 @@
 """A running centre: latency of every frame at the recording's own pace, faults named, memory.
 
     python tests/benchmarks/toolkit/bench_centre.py [--sites tjunction roundabout] [--frames 1000]
-        [--minutes 0] [--detect-every 1] [--parallel 1] [--deadline 0.1] [--no-pace] [--no-faults]
+        [--minutes 0] [--detect-every 1] [--parallel 1] [--deadline 0.08] [--no-pace] [--no-faults]
         [--threads] [--plot latency.png] [--folder recordings]
 
 Street traffic is simulated at 10 Hz at the T-junction and at 5 Hz at the roundabout, unless the

@@ -66,7 +66,7 @@ def test_a_small_configuration_has_the_usual_values(tmp_path):
     assert config.detector == "general"
     assert config.place == Place(still=True)
     assert (config.speed, config.interval_s, config.page_port) == (1.0, None, None)
-    assert (config.detect_every, config.parallel, config.deadline_s) == (1, 1, 0.1)
+    assert (config.detect_every, config.parallel, config.deadline_s) == (1, 1, 0.08)
     assert config.output.folders == {}
 
 
