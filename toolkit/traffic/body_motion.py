@@ -80,6 +80,18 @@ def face_course(
     return smooth_motion(np.unwrap(yaws[last])[:, None])[:, 0]
 
 
+def face_along(
+    poses: Float64[np.ndarray, "steps 3"], moved: Float64[np.ndarray, "steps 3"]
+) -> Float64[np.ndarray, "steps 3"]:
+    """Poses of a pedestrian whose path was moved, turned as much as the path is.
+
+    poses: x, y (m), yaw (rad) on the earlier path; moved: the same steps on the new path, still
+    with the earlier headings."""
+    turned = moved.copy()
+    turned[:, 2] += face_course(moved[:, :2], yaw=0.0) - face_course(poses[:, :2], yaw=0.0)
+    return turned
+
+
 def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray, "steps k"]:
     """Means over time, weighted by a Gaussian of `SMOOTHING_S`; the first and last value stay.
 

@@ -8,27 +8,26 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float64
 from toolkit.geometry import smooth_rows
-from toolkit.traffic.body_motion import face_course
-from toolkit.traffic.course import Course
+from toolkit.traffic.body_motion import face_along
+from toolkit.traffic.course import ASIDE_SPACING_M, Course
 from toolkit.traffic.occupancy import Occupancy
 
-LINE_SPACING_M = 0.2
 MAX_DETOUR_M = 3.0  # to the side of the course
 HOUSE_MARGIN_M = 0.2  # to solids, beyond the nearest line without one
 EARLY_STEPS = 25  # before and after a solid, within which the detour begins and ends
 DETOUR_SMOOTHING_STEPS = 10.0  # standard deviation of the mean that rounds the detour
-GAP_M = 0.14  # to parked vehicles
 
 
-def walk_round(course: Course, occupancy: Occupancy) -> Course | None:
+def walk_round(course: Course, occupancy: Occupancy, gap: float) -> Course | None:
     """Return a pedestrian's course that goes round solids and parked vehicles.
 
-    It has the same steps. None if a solid is wider than `MAX_DETOUR_M` on both sides."""
-    line_count = round(MAX_DETOUR_M / LINE_SPACING_M)
-    asides = LINE_SPACING_M * np.arange(-line_count, line_count + 1)
+    It has the same steps. None if a solid is wider than `MAX_DETOUR_M` on both sides. gap: distance
+    to keep to parked vehicles (m)."""
+    line_count = round(MAX_DETOUR_M / ASIDE_SPACING_M)
+    asides = ASIDE_SPACING_M * np.arange(-line_count, line_count + 1)
     rows = np.arange(len(course.poses), dtype=np.float64)
     boxes = course.list_lines(rows, asides)
-    is_free = ~occupancy.is_obstructed_in_view(boxes, GAP_M).reshape(len(rows), len(asides))
+    is_free = ~occupancy.is_obstructed_in_view(boxes, gap).reshape(len(rows), len(asides))
     left = _find_asides(is_free[:, line_count:])
     right = _find_asides(is_free[:, line_count::-1])
     detour_m = np.zeros(len(rows))  # to the left
@@ -48,12 +47,8 @@ def walk_round(course: Course, occupancy: Occupancy) -> Course | None:
             width + HOUSE_MARGIN_M if width_left <= width_right else -width - HOUSE_MARGIN_M
         )
     smoothed = smooth_rows(detour_m[:, None], DETOUR_SMOOTHING_STEPS)[:, 0]
-    poses = course.shift(rows, smoothed)
-    # turned as much as the path is
-    facing = face_course(course.poses[:, :2], yaw=0.0)
-    poses[:, 2] += face_course(poses[:, :2], yaw=0.0) - facing
-    detour = replace(course, poses=poses)
-    is_open = ~occupancy.is_obstructed_in_view(detour.list_lines(rows, np.zeros(1)), GAP_M)
+    detour = replace(course, poses=face_along(course.poses, course.shift(rows, smoothed)))
+    is_open = ~occupancy.is_obstructed_in_view(detour.list_lines(rows, np.zeros(1)), gap)
     return detour if is_open.all() else None
 
 
@@ -61,5 +56,5 @@ def _find_asides(is_free: Bool[np.ndarray, "rows lines"]) -> Float64[np.ndarray,
     """Distance (m) from the course to the nearest free line on one side, infinite without one.
 
     is_free: mask of the lines at each row, the course first and then the lines farther off."""
-    distances = LINE_SPACING_M * is_free.argmax(axis=1)
+    distances = ASIDE_SPACING_M * is_free.argmax(axis=1)
     return np.where(is_free.any(axis=1), distances, np.inf)

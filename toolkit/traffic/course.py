@@ -9,6 +9,8 @@ from toolkit.arrays import Float64
 from toolkit.traffic.body_motion import shift_left, smooth_direction
 from toolkit.traffic.occupancy import size_boxes
 
+ASIDE_SPACING_M = 0.2  # between lines next to a course
+
 
 @dataclass(frozen=True)
 class Course:

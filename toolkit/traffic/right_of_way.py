@@ -14,9 +14,9 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
-from toolkit.traffic.body_motion import face_course
+from toolkit.traffic.body_motion import face_along
 from toolkit.traffic.corners import walk_round
-from toolkit.traffic.course import Course
+from toolkit.traffic.course import ASIDE_SPACING_M, Course
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.sumo import FINE_STEP_S
 
@@ -24,7 +24,6 @@ STRIDE = 3  # steps of `FINE_STEP_S` between the moments of a plan
 # steps from the begin of a window to its conflict and on to its end, tried one after the other
 WINDOWS_STEPS = ((50, 120), (400, 400))
 REACH_STEPS = 80  # part of the course after a conflict that a plan covers
-ASIDE_SPACING_M = 0.2
 SMOOTHED_STEPS = 50  # before a window, whose poses smoothing may change
 MAX_PLANS = 40  # windows planned for one road user
 WAIT_COST = 1.0
@@ -106,7 +105,9 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
         row = conflict - course.first
         is_static = occupancy.is_obstructed(boxes[[row]]).any()
         if is_static and _is_impassable(course, plan.progress[row], occupancy):
-            detour = walk_round(course, occupancy) if course.label == PEDESTRIAN else None
+            if course.label != PEDESTRIAN:
+                return None
+            detour = walk_round(course, occupancy, gap=GAPS_M[PEDESTRIAN][-1])
             return None if detour is None else give_way(detour, occupancy)
         # a plan that did not help is followed by another gap or a longer window
         setting = setting + 1 if conflict <= latest + STRIDE else 0
@@ -343,9 +344,7 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     # beside the course, still with the headings on it; they turn with the path beside it
     shifted = course.shift(smoothed[:, 0], smoothed[:, 1])
     if course.label == PEDESTRIAN:
-        facing = face_course(poses[:, :2], yaw=0.0)
-        shifted[:, 2] += face_course(shifted[:, :2], yaw=0.0) - facing
-        return shifted
+        return face_along(poses, shifted)
     ahead_m_s = np.hypot(*np.gradient(poses[:, :2], FINE_STEP_S, axis=0).T)
     aside_m_s = np.gradient(smoothed[:, 1], FINE_STEP_S)
     shifted[:, 2] += np.arctan2(aside_m_s, np.maximum(ahead_m_s, MIN_TURNING_M_S))

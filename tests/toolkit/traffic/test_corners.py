@@ -16,6 +16,7 @@ from toolkit.traffic.right_of_way import give_way
 AREA = np.array([-40.0, -20, 40, 20])
 PERSON = np.array([0.5, 0.6, 1.75])
 LAST = 900
+GAP_M = 0.14  # to parked vehicles
 
 
 def block(house_y):
@@ -55,13 +56,13 @@ def test_a_pedestrian_walks_round_a_house_on_the_shorter_side(house_y):
 
 def test_a_house_too_wide_to_walk_round_refuses():
     occupancy, _ = block((-5.0, 5.0))
-    assert walk_round(walk(), occupancy) is None
+    assert walk_round(walk(), occupancy, gap=GAP_M) is None
     assert give_way(walk(), occupancy) is None
 
 
 def test_a_free_course_stays():
     occupancy, _ = block((5.0, 12.0))
     course = walk()
-    detour = walk_round(course, occupancy)
+    detour = walk_round(course, occupancy, gap=GAP_M)
     assert detour is not None
     np.testing.assert_allclose(detour.poses, course.poses, atol=1e-9)
