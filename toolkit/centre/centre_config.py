@@ -68,7 +68,6 @@ from typing import Any, Literal, cast
 from toolkit.calibration.place import LEVELS, Level, Place
 from toolkit.centre.detection_pool import DEADLINE_S
 from toolkit.centre.health import HEALTH_EVERY_S
-from toolkit.centre.pace import MAX_EVERY
 from toolkit.centre.sensor_message import SensorSetup
 from toolkit.datasets.pose_files import parse_pose
 from toolkit.exchange.geo_origin import GeoOrigin
@@ -80,6 +79,7 @@ from toolkit.runtime.text_values import parse_toml
 
 CONFIG_VERSION = 1
 PIECE_S = 60.0
+MAX_EVERY = 10  # frames from one that is detected to the next
 MAX_PARALLEL = 16
 MAX_DEADLINE_S = 10.0  # frames that wait are in memory
 _MAX_ROWS = 64  # inputs or sensors

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MAX_EVERY = 10
 MAX_SPARE_LOAD = 0.9  # median work, as a share of the time for it, from which it keeps pace again
 WORK_FRAMES = 20  # newest frames whose work counts
 
