@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from coview.live_head import PanelHead
 from placement_env.live.planner import LivePlanner
-from toolkit.runtime.parallel import return_freed_memory
+from toolkit.runtime.allocation import return_freed_memory
 
 if TYPE_CHECKING:
     from placement_env.live.figures import LiveAnswer

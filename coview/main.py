@@ -41,7 +41,7 @@ def run(arguments: Sequence[str]) -> int:
 
         return report(error)
     from coview.outputs import report
-    from toolkit.runtime.parallel import keep_freed_memory
+    from toolkit.runtime.allocation import keep_freed_memory
 
     keep_freed_memory()
     try:

@@ -22,7 +22,8 @@ from toolkit.arrays import Bool, Float, Points
 from toolkit.boxes import nms
 from toolkit.objects import LABELS, PEDESTRIAN, Detections, label_index
 from toolkit.points import join_clouds
-from toolkit.runtime.parallel import keep_freed_memory
+from toolkit.runtime.allocation import keep_freed_memory
+from toolkit.runtime.sent_once import SentOnce
 
 # steps with multiples that fill a square evenly (Roberts 2018)
 SHIFT_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
@@ -33,7 +34,7 @@ SAME_BOX_IOU = 0.3  # footprint overlap above which boxes of several grids are a
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
 
-class VoxelNetDetector:
+class VoxelNetDetector(SentOnce):
     """Detector of one network: points (n, 3) in, `Detections` out, in the world frame, m.
 
     Points outside the network's area are ignored, and so are boxes with their centre outside.

@@ -15,6 +15,7 @@ from toolkit.bodies.fleet import fleet_named
 from toolkit.frozen import set_cached
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import has_centre_inside
+from toolkit.runtime.sent_once import SentOnce
 from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Mix, Snapshot, simulate
@@ -30,7 +31,7 @@ _KEPT: "dict[tuple[str, int, int], Traffic]" = {}  # by text of the site's file,
 
 
 @dataclass(frozen=True, eq=False)
-class Traffic:
+class Traffic(SentOnce):
     """Frames of traffic on a site, which all sensor sets are scored on.
 
     Attributes:

@@ -22,6 +22,7 @@ from toolkit.geometry import level_rows
 from toolkit.objects import Detections, Detector, UnionDetector, quick_detector
 from toolkit.points import Crop, frame_points, join_clouds
 from toolkit.rendering.static_scene import build_scenery
+from toolkit.runtime.sent_once import SentOnce
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def _estimate_ground(
 
 
 @dataclass(frozen=True)
-class KnownBackground:
+class KnownBackground(SentOnce):
     """Detector that leaves out its detections of the background.
 
     detector: finds road users, and background by mistake; background: voxels of the site, in the

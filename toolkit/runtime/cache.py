@@ -34,6 +34,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from toolkit.runtime.sent_once import SentOnce
+
 Arrays = tuple[np.ndarray, ...]
 _Outcome = TypeVar("_Outcome")
 
@@ -58,7 +60,7 @@ def make_key(*parts: object) -> bytes:
     return hashlib.sha256(text.encode()).digest()
 
 
-class Cache:
+class Cache(SentOnce):
     """Tuples of arrays by key, in a file or in memory.
 
     path: the file, made if missing, None for memory only. In another process, a cache opens the

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar, runtime_checkable
 
-from toolkit.runtime.parallel import spread, tick
+from toolkit.runtime.parallel import spread
+from toolkit.runtime.process_pool import tick
 from toolkit.runtime.writing import DISK_ERRORS, UNFINISHED, take, write_bytes, write_text, writing
 
 _SHARD = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")

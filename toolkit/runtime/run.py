@@ -22,6 +22,8 @@ from toolkit.runtime.parallel import spread
 if TYPE_CHECKING:
     from toolkit.runtime.cache import Cache
 
+# processes of commands that compare many sets: each takes some 500 MB, so no more than two
+USUAL_WORKERS = min(2, os.cpu_count() or 1)
 PART_SEEDS = 1_000_003  # between the seeds of two parts of traffic
 Stages = Callable[[str, int, "int | None"], None]  # name of a stage, done, to do (None if unknown)
 
@@ -65,13 +67,16 @@ class Processes:
         job: Callable[[_In], _Out],
         inputs: Iterable[_In],
         *,
+        home: Callable[[_In], int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> Iterator[_Out]:
         """Yield `job(x)` for each input, in order, computed by the processes of the run.
 
-        job: a module's function or a callable object that can be pickled; progress: called with the
-        number of results. Raises the errors of `job`, WorkLost and ConnectionError."""
-        return spread(job, inputs, workers=self.count, ray=self.ray, progress=progress)
+        job: a module's function or a callable object that can be pickled; home: from an input to a
+        number; a process gets the inputs with the same number, None if it does not matter;
+        progress: called with the number of results. Raises the errors of `job`, WorkLost and
+        ConnectionError."""
+        return spread(job, inputs, workers=self.count, ray=self.ray, home=home, progress=progress)
 
     def stage(
         self, name: str, total: int | None = None, *, before: int = 0

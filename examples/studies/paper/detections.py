@@ -11,7 +11,6 @@ All experiments are computed from these values without a detector. The values of
 together: an interrupted run resumes at its last frame, and a run with more frames or sets computes
 only what is new."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -165,7 +164,7 @@ def detect_runs(
         missing_runs = tuple(run for run in runs if stored[k, run] is None)
         if missing_runs or stored[k, None] is None:
             tasks.append((k, missing_runs))
-    job = _FrameJob(renders, detector, alone=processes.has_one_process)
+    job = _FrameJob(renders, detector)
     results = processes.map(job, tasks, progress=processes.stage(stage, len(tasks)))
     for (k, missing_runs), (truth, run_arrays) in zip(tasks, results, strict=True):
         frame_arrays: dict[tuple[int, SchemeRun | None], Arrays] = {(k, None): truth}
@@ -188,15 +187,12 @@ class _FrameJob:
     """Work on one frame: its truth and its missing runs.
 
     It is called with the number of a frame and the runs to detect, and returns the fields of
-    `StoredTruth`, and of `FrameRun` for each run. alone: False if other processes work too."""
+    `StoredTruth`, and of `FrameRun` for each run."""
 
     renders: Measured
     detector: Detector
-    alone: bool
 
     def __call__(self, task: tuple[int, tuple[SchemeRun, ...]]) -> tuple[Arrays, list[Arrays]]:
-        if not self.alone and "torch" in sys.modules:
-            sys.modules["torch"].set_num_threads(1)  # each core has a process already
         k, runs = task
         renders = self.renders
         objects = renders.objects(k)  # read the frame now, so that a run's time leaves it out

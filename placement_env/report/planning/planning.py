@@ -36,7 +36,7 @@ from placement_env.report.planning.refusals import Refusal, refuse, refuse_quest
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.objects import Detector
 from toolkit.rendering.renderer import body_scene
-from toolkit.runtime.parallel import return_freed_memory
+from toolkit.runtime.allocation import return_freed_memory
 
 
 class _Comparison(NamedTuple):

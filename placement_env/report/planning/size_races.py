@@ -16,7 +16,7 @@ from placement_env.report.planning.judged_options import JudgedOptions
 from placement_env.search.portfolio.evaluators import race_order
 from placement_env.search.portfolio.reward_race import NEAR_AP, NEAR_TIE_AP, contest, find_finalists
 from toolkit.arrays import Int64
-from toolkit.runtime.parallel import return_freed_memory
+from toolkit.runtime.allocation import return_freed_memory
 from toolkit.runtime.run import Run
 
 MAX_RACED_FRAMES = 60  # frames of a race

@@ -1,7 +1,6 @@
 """Results are those of a plain loop in processes and on Ray, and lost work is done again."""
 
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -9,22 +8,15 @@ import threading
 import time
 from collections.abc import Generator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from toolkit.runtime import parallel as processes
-from toolkit.runtime.parallel import (
-    MAX_KEPT_BYTES,
-    RETRIES,
-    WorkLost,
-    keep_freed_memory,
-    return_freed_memory,
-    spread,
-    tick,
-    tune_allocation,
-)
+from toolkit.runtime import process_pool
+from toolkit.runtime.parallel import RETRIES, WorkLost, spread
+from toolkit.runtime.process_pool import tick
+from toolkit.runtime.sent_once import SentOnce
 
 
 def square(x: int) -> int:
@@ -98,17 +90,94 @@ def worker(_: int) -> int:
     return os.getpid()
 
 
-def test_the_same_job_finds_its_processes_waiting(tmp_path, limits):
-    limits(processes, IDLE_S=1.5)
-    known = set[int]().union(*(spread(worker, range(8), workers=2) for _ in range(3)))
-    assert len(known) <= 2  # new ones each time would be three; either may do all of one job
+def test_jobs_find_the_processes_of_the_last_one_waiting(limits):
+    limits(process_pool, IDLE_S=1.5)
+    first = list(spread(worker, range(8), workers=2))
+    assert len(set(first)) == 2
     assert list(spread(square, [2], workers=2)) == [4]
-    for process in known:
-        assert ends(process)
-    last = set(spread(worker, range(8), workers=2))
+    second = list(spread(worker, range(8), workers=2))
+    assert set(second) == set(first)
+    assert len(set(spread(worker, range(8), workers=3)) - set(first)) == 3
+    assert all(ends(process) for process in first)  # only the last ones wait
+    last = set(spread(worker, range(8), workers=3))
     assert all(ends(process) for process in last)  # when nothing came for a while
     os.kill(set(spread(worker, range(8), workers=2)).pop(), signal.SIGKILL)
     assert len(list(spread(worker, range(8), workers=2))) == 8
+
+
+def test_processes_wait_after_a_caller_that_took_the_last_result_only():
+    results = spread(worker, range(4), workers=2)
+    first = {next(results) for _ in range(4)}
+    assert set(spread(worker, range(8), workers=2)) == first
+    assert list(results) == []
+
+
+def test_inputs_with_the_same_home_are_of_one_process():
+    processes = list(spread(worker, range(12), workers=2, home=lambda x: x // 3))
+    by_home = [set(processes[home * 3 : home * 3 + 3]) for home in range(4)]
+    assert [len(same) for same in by_home] == [1, 1, 1, 1]
+    assert by_home[0] == by_home[2] != by_home[1] == by_home[3]
+
+
+class Counter(SentOnce):
+    """Counts how often it was called in a process; `inner` is sent once too."""
+
+    def __init__(self, inner: "Counter | None" = None) -> None:
+        self.calls = 0
+        self.inner = inner
+
+    def __call__(self) -> int:
+        self.calls += 1
+        return self.calls
+
+
+def count_calls(counter: Counter, step: int, x: int) -> int:
+    return step * counter()
+
+
+def count_inner(counter: Counter, x: int) -> int:
+    assert counter.inner is not None
+    return counter.inner()
+
+
+def test_what_jobs_share_stays_in_their_processes():
+    inner = Counter()
+    outer = Counter(inner)
+    homes = {"workers": 2, "home": lambda x: 0}
+    assert list(spread(partial(count_calls, inner, 1), range(3), **homes)) == [1, 2, 3]
+    assert list(spread(partial(count_calls, inner, 10), range(2), **homes)) == [40, 50]
+    assert list(spread(partial(count_inner, outer), range(2), **homes)) == [6, 7]
+    assert list(spread(partial(count_calls, Counter(), 1), range(2), **homes)) == [1, 2]
+    assert inner.calls == 0
+
+
+def live_parts(count: int, x: int) -> int:
+    return len(process_pool._received._parts)
+
+
+def test_what_is_gone_goes_in_processes_too():
+    inner = Counter()
+    assert list(spread(partial(count_inner, Counter(inner)), [0], workers=2)) == [1]
+    (pool,) = process_pool._kept.values()
+    assert list(spread(partial(live_parts, 0), [0], workers=2, home=lambda x: 0)) == [1]
+    del inner
+    assert pool._parts.live_numbers == set()
+    assert list(spread(partial(live_parts, 1), [0], workers=2, home=lambda x: 0)) == [0]
+    assert not list(Path(pool._folder.name).glob("part*"))
+
+
+def threads(x: int) -> tuple[str, int]:
+    import torch
+
+    return os.environ["OMP_NUM_THREADS"], torch.get_num_threads()
+
+
+def test_processes_share_the_cores(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    process_pool.end_kept()
+    expected = max(1, (os.cpu_count() or 1) // 2)
+    assert list(spread(threads, [0], workers=2)) == [(str(expected), expected)]
+    process_pool.end_kept()
 
 
 def ends(process: int) -> bool:
@@ -192,78 +261,11 @@ def test_wrong_numbers_and_missing_ray_are_told_in_one_line(without_packages):
         next(spread(square, [1], ray="auto"))
 
 
-COUNTS = """
-import resource, sys
-import numpy as np
-from toolkit.runtime.parallel import keep_freed_memory
-
-def faults(count, size):
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    for _ in range(count):
-        several = [np.ones(size, np.uint8) for _ in range(4)]
-        del several
-    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-
-kept = keep_freed_memory() if sys.argv[1] == "keep" else None
-faults(2, 12 << 20)
-print(kept, faults(20, 12 << 20))
-"""
-OWN = {"MALLOC_TRIM_THRESHOLD_": "131072"}
-
-
-def counted(how, **environment):
-    clean = {
-        name: value for name, value in os.environ.items() if name not in processes.MALLOC_SETTINGS
-    }
-    command = [sys.executable, "-c", COUNTS, how]
-    done = subprocess.run(
-        command, env=clean | environment, capture_output=True, text=True, check=True, timeout=60
-    )
-    kept, faults = done.stdout.split()
-    return kept, int(faults)
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")
-def test_arrays_come_to_lie_where_others_lay():
-    kept, few = counted("keep")
-    _, many = counted("leave")
-    assert kept == "True"
-    assert many > 1000
-    assert few < many / 20
-
-
-def test_the_environment_wins_and_needs_a_cluster():
-    assert counted("keep", **OWN)[0] == "False"
+def test_a_cluster_that_does_not_answer_is_told_in_one_line():
     pytest.importorskip("ray")
     with pytest.raises(ConnectionError, match="ray start --head") as error:
         next(spread(square, [1], ray="127.0.0.1:1"))
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    "library", [None, object(), type("Refuses", (), {"mallopt": staticmethod(lambda *_: 0)}), "c"]
-)
-def test_freed_memory_is_kept_where_the_library_can(library):
-    asked = []
-
-    def mallopt(*what):
-        asked.append(what)
-        return 1
-
-    there = library == "c"
-    library = type("Library", (), {"mallopt": staticmethod(mallopt)}) if there else library
-    assert tune_allocation(library, {"HOME": "/"}) == there
-    assert asked == [(-3, MAX_KEPT_BYTES), (-1, 2**31 - 1)] * there
-    for name in processes.MALLOC_SETTINGS:
-        assert not tune_allocation(library, {"HOME": "/", name: "1"})
-    assert len(asked) == 2 * there
-
-
-def test_the_c_library_is_asked_once():
-    keep_freed_memory()
-    before = keep_freed_memory.cache_info().misses
-    keep_freed_memory()
-    assert keep_freed_memory.cache_info().misses == before
 
 
 @dataclass
@@ -329,10 +331,3 @@ def begun(log: Path) -> list[list[str]]:
 def test_a_cluster_of_this_machine_alone():
     pytest.importorskip("ray")
     assert list(spread(square, range(5), ray="local")) == [0, 1, 4, 9, 16]
-
-
-def test_freed_memory_goes_back_where_the_c_library_can():
-    asked = []
-    for library in (SimpleNamespace(malloc_trim=asked.append), SimpleNamespace(), None):
-        return_freed_memory(library)
-    assert asked == [0]
