@@ -15,10 +15,10 @@ Two kinds of value are kept, of one frame each:
                  threshold, class by class: vehicles at `Detected.ious`, the others at
                  those that `Classes.get_iou` gives"""
 
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import cached_property, partial
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import NamedTuple, Protocol, cast, runtime_checkable
 
@@ -43,6 +43,7 @@ from toolkit.runtime.cache import Arrays, Cache, code_digest, make_key
 from toolkit.runtime.run import Processes
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
+from toolkit.traffic.spawner import LIFE
 
 IOUS = (0.7, 0.8, 0.9)  # thresholds for vehicles at which every outcome is matched
 FALSE_ALARM = -1  # for a detection that hits no object
@@ -302,7 +303,8 @@ class Detected:
             unknown_sets = [members for members, row in by_set.items() if row[position] is None]
             if unknown_sets:
                 tasks.append(_Task(position=position, k=k, sets=unknown_sets))
-        results = self.processes.map(partial(_score_frame, self), tasks, progress=progress)
+        job = partial(_score_frame, self)
+        results = self.processes.map(job, tasks, home=_Task.choose_home, progress=progress)
         for task, (outcomes, new_detections) in zip(tasks, results, strict=True):
             new_values = dict(new_detections)
             for members, outcome in zip(task.sets, outcomes, strict=True):
@@ -313,9 +315,8 @@ class Detected:
 
     def detections(self, members: tuple[int, ...], k: int) -> Detections:
         """Fused detections of a set (ascending indices of candidates) in frame k, not matched."""
-        frame = _FrameDetections(self, k)
-        detections = frame.fused(members).detections
-        self.memo.put(frame.uncached_detections)
+        detections, new_detections = _fuse_frame(self, members, k)
+        self.memo.put(new_detections)
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
@@ -425,6 +426,10 @@ class _Task(NamedTuple):
     k: int
     sets: list[tuple[int, ...]]
 
+    def choose_home(self) -> int:
+        """Number of the process that works on the frame."""
+        return choose_home(self.k)
+
 
 def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[bytes, Arrays]]:
     """Outcomes of a task's sets in its frame, and the detections that were not cached, by key.
@@ -432,10 +437,10 @@ def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[b
     It may run in another process than its caller.
 
     detected: Score by detections, with the measurements, detector, scheme, codec and cache."""
-    _limit_threads(detected)
     frame = _FrameDetections(detected, task.k)
     frame.fuse_together(task.sets)
     outcomes = [detected.outcome(task.k, frame.fused(members)) for members in task.sets]
+    _remember(detected, frame)
     return outcomes, frame.uncached_detections
 
 
@@ -448,9 +453,24 @@ def _fuse_frame(
 
     detected: Score by detections, with the measurements, detector, scheme, codec and cache;
     members: ascending indices of the set's candidates."""
-    _limit_threads(detected)
     frame = _FrameDetections(detected, k)
-    return frame.fused(members).detections, frame.uncached_detections
+    detections = frame.fused(members).detections
+    _remember(detected, frame)
+    return detections, frame.uncached_detections
+
+
+def choose_home(k: int) -> int:
+    """Number of the process that works on frame k, always the same: it keeps what was measured.
+
+    Successive frames alternate, and so do frames `2 * LIFE` apart, which are the first in a race of
+    sets."""
+    return k + k // (2 * LIFE)
+
+
+def _remember(detected: Detected, frame: "_FrameDetections") -> None:
+    """Keep new detections in a process of a pool, whose memory its parent does not share."""
+    if parent_process() is not None and detected.memo.path is None:
+        detected.memo.put(frame.uncached_detections)
 
 
 def detect_in_frames(
@@ -468,19 +488,13 @@ def detect_in_frames(
         frames: Indices of frames.
         progress: Called with the number of frames done; None for silence."""
     results = detected.processes.map(
-        partial(_fuse_frame, detected, members), frames, progress=progress
+        partial(_fuse_frame, detected, members), frames, home=choose_home, progress=progress
     )
     frame_detections = []
     for detections, new_detections in results:
         detected.memo.put(new_detections)
         frame_detections.append(detections)
     return frame_detections
-
-
-def _limit_threads(detected: Detected) -> None:
-    """Let torch use one thread if each core has a process already."""
-    if not detected.processes.has_one_process and "torch" in sys.modules:
-        sys.modules["torch"].set_num_threads(1)
 
 
 class _FrameDetections:

@@ -35,6 +35,7 @@ from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
 from toolkit.runtime.cache import Arrays, Cache, code_digest, make_key, recall
+from toolkit.runtime.sent_once import SentOnce
 from toolkit.sensors.error_profile import ErrorProfile
 from toolkit.sensors.error_profiles import PAPER_ERRORS, check_drawn, only_own_noise
 from toolkit.sensors.sensor import Sensor
@@ -44,8 +45,8 @@ from toolkit.traffic.spawner import LIFE
 
 MAX_PARTS_IN_MEMORY = 2048  # parts of candidates' frames held in memory if a cache keeps them too
 # parts of the frames, rendered separately: part p has the frames whose number modulo this is p. A
-# race of sets scores one frame of every block of so many first
-RENDER_PARTS = 2 * LIFE
+# race of sets scores one frame of every half of so many first, which two processes share
+RENDER_PARTS = 4 * LIFE
 
 
 class _CropMeasurement(NamedTuple):
@@ -61,7 +62,7 @@ class _CropMeasurement(NamedTuple):
     depth: Float32[np.ndarray, " n"]
 
 
-class Renders:
+class Renders(SentOnce):
     """Measurements of candidates in traffic, rendered on first use.
 
     Pickles exclude rendered data. Frames are numbered k, candidates c, both from 0 in the order of

@@ -3,7 +3,7 @@ accurate enough."""
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple, get_args
 
@@ -199,7 +199,7 @@ class _Look:
 
         def compute(missing: list[int]) -> Iterator[SeenPoints]:
             # points in the new blocks with these indices, in parallel
-            return run.map(self, [new_blocks[k] for k in missing])
+            return self.look_at_blocks([new_blocks[k] for k in missing], run)
 
         for block, arrays in zip(new_blocks, recall(run.memo, new_keys, compute), strict=True):
             seen.append(SeenPoints(*arrays))
@@ -209,6 +209,10 @@ class _Look:
             _LAST_SHORT_LOOK.clear()
             _LAST_SHORT_LOOK[keys[0]] = seen[0]
         return seen
+
+    def look_at_blocks(self, blocks: Sequence[Block], run: Run) -> Iterator[SeenPoints]:
+        """Points in each block, computed by the processes of the run."""
+        return run.map(self, blocks)
 
     def __call__(self, block: Block) -> SeenPoints:
         raise NotImplementedError
@@ -240,6 +244,28 @@ class _FullLook(_Look):
 
 class RoundLook(_Look):
     """Points of all sensors, from panoramas; a block is a range of frames."""
+
+    def look_at_blocks(self, blocks: Sequence[Block], run: Run) -> Iterator[SeenPoints]:
+        """Points in each block; each process of the run looks from its own share of the places.
+
+        It looks at the static scene there once, and need not look again at what does not move."""
+        places, place_of_sensor = self._places
+        count = 1 if run.ray is not None else min(run.count, len(places))
+        if count == 1:
+            yield from run.map(self, blocks)
+            return
+        rows = [np.flatnonzero(place_of_sensor % count == share) for share in range(count)]
+        looks = [self._choose_sensors(indices) for indices in rows]
+        tasks = [(block, share) for block in blocks for share in range(count)]
+        parts = run.map(_SharedLook(tuple(looks)), tasks, home=lambda task: task[1])
+        order = np.argsort(np.concatenate(rows))
+        for _ in blocks:
+            seen = zip(*(next(parts) for _ in range(count)), strict=True)
+            yield SeenPoints(*(np.concatenate(arrays)[order] for arrays in seen))
+
+    def _choose_sensors(self, rows: Int64[np.ndarray, " n"]) -> "RoundLook":
+        """Look from some of the sensors, given by their rows."""
+        return replace(self, sensors=tuple(self.sensors[c] for c in rows.tolist()))
 
     def __call__(self, block: Block) -> SeenPoints:
         """Points of all sensors on objects and in the crop, in a block of frames.
@@ -323,6 +349,19 @@ class RoundLook(_Look):
                 )
             stills[place][model] = cached_stills[key]
         return stills
+
+
+@dataclass(frozen=True)
+class _SharedLook:
+    """Looks from shares of the places, which do not look from the same place.
+
+    It is called with a block of frames and the index of a share."""
+
+    looks: tuple[RoundLook, ...]
+
+    def __call__(self, task: tuple[Block, int]) -> SeenPoints:
+        block, share = task
+        return self.looks[share](block)
 
 
 @lru_cache(maxsize=1)

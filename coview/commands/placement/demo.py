@@ -13,7 +13,7 @@ from coview.options import Output
 from coview.outputs import OK, Writing, check_folder, say
 from coview.recordings import open_recording
 from toolkit.objects import LABELS
-from toolkit.runtime.run import Run
+from toolkit.runtime.run import USUAL_WORKERS, Run
 from toolkit.runtime.writing import UNFINISHED
 
 RECORDING = "tjunction.hdf5"
@@ -72,7 +72,7 @@ def demo_command(
             "tjunction",
             goal=Goal(budget=PLAN_SENSORS),
             stock=StockOptions(candidates="paper"),
-            run=Run(seed=seed, frames=plan_frames, cache=out / CACHE, workers=2),
+            run=Run(seed=seed, frames=plan_frames, cache=out / CACHE, workers=USUAL_WORKERS),
             output=Output(out=out / PLAN, overwrite=True),
         )
         say(f"open {out / PLAN / 'report.html'} in a browser")

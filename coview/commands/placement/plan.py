@@ -23,7 +23,7 @@ from placement_env.report.planning.plan_folder import PLAN_FILE, found_nothing
 from placement_env.report.planning.question import DEFAULT_SENSORS, Question, Stock
 from placement_env.setting import Setting
 from toolkit.detection.link.range_images import find_codec
-from toolkit.runtime.run import Run
+from toolkit.runtime.run import USUAL_WORKERS, Run
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
 
@@ -54,7 +54,7 @@ PRICE_STEPS = {
 }
 DEFAULT_CLASSES = ClassOptions()
 DEFAULT_OUTPUT = Output(out=Path("out/plan"))
-DEFAULT_RUN = Run(cache=Path("out/cache"), workers=2)
+DEFAULT_RUN = Run(cache=Path("out/cache"), workers=USUAL_WORKERS)
 
 
 @dataclass(frozen=True, kw_only=True)

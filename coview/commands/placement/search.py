@@ -13,7 +13,7 @@ from coview.outputs import NOT_MET, OK, check_folder, check_writable, print_resu
 from coview.progress_bar import progress_bar
 from placement_env.defaults import USUAL_CASES
 from placement_env.search.methods import usual_method
-from toolkit.runtime.run import Run
+from toolkit.runtime.run import USUAL_WORKERS, Run
 from toolkit.sites.files import load_site
 
 SEARCH_STEPS = {  # shares of a search's time
@@ -83,7 +83,7 @@ def search_command(
     *,
     search: SearchOptions = SearchOptions(),
     setting: Annotated[SettingOptions, tyro.conf.arg(name="")] = SettingOptions(),
-    run: Run = Run(frames=200, cache=Path("out/cache")),
+    run: Run = Run(frames=200, cache=Path("out/cache"), workers=USUAL_WORKERS),
     output: Output = Output(),
 ) -> int:
     """Search for the sensors to build: which poles, headings and tilts.

@@ -16,10 +16,14 @@ from placement_env.fidelity.detector import IGNORED
 from placement_env.handover.ground import GroundGrid
 from placement_env.report import content
 from placement_env.report.planning import judging
-from placement_env.report.planning.scored_boxes import ScoredBoxes, count_set_points, fuse_clouds
+from placement_env.report.planning.scored_boxes import (
+    ScoredBoxes,
+    count_frame_points,
+    count_set_points,
+)
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import LABELS, label_index
-from toolkit.points import count_on_ground, has_centre_inside
+from toolkit.points import has_centre_inside
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -200,16 +204,14 @@ def by_class(
 
     members: indices of the set's candidates; labels: names of the classes to return."""
     detected = judge.detected
-    site = judge.detected.renders.site
     # class of each road user, and whether it is covered; an array for each frame
     frame_labels = []
     frame_seen = []
-    for k in range(judge.frames):
-        all_objects = detected.renders.objects(k)
-        objects = all_objects[has_centre_inside(all_objects.boxes, site.area)]
-        points = count_on_ground(fuse_clouds(detected, members, k), objects.boxes, site)
-        frame_labels.append(objects.labels)
-        frame_seen.append(points >= LEAST)
+    for k, points in enumerate(count_frame_points(detected, members)):
+        objects = detected.renders.objects(k)
+        is_inside = has_centre_inside(objects.boxes, detected.renders.site.area)
+        frame_labels.append(objects.labels[is_inside])
+        frame_seen.append(points[is_inside] >= LEAST)
     object_labels = np.concatenate(frame_labels)
     is_seen = np.concatenate(frame_seen)
     rows = []

@@ -1,13 +1,14 @@
 """Detections of one set on the final traffic, box by box."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from placement_env.analysis.intervals import Tally
 from placement_env.classes import Classes
-from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.detector import Detected, choose_home, detect_in_frames
 from placement_env.report.planning import judging
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.points import count_on_ground
@@ -79,7 +80,7 @@ def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
     detected = judge.detected  # at the first error profile
     outcomes = judge.outcomes(members)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
-    detections = [detected.detections(members, k) for k in range(judge.frames)]
+    detections = detect_in_frames(detected, members, range(judge.frames))
     frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
     object_counts = list(map(len, objects))
     # outcomes count objects from 0 in every frame; `first_truth` moves them to rows of all frames
@@ -112,9 +113,24 @@ def count_set_points(detected: Detected, members: Sequence[int]) -> Int64[np.nda
     """Count the points of a set on each scored object, frame after frame.
 
     members: indices of the set's candidates. The objects have the order of `ScoredBoxes.truths`."""
-    counts = [np.empty(0, np.int64)]
-    for k in range(detected.frames):
-        cloud = fuse_clouds(detected, members, k)
-        boxes = detected.renders.objects(k).boxes[detected.scored(k)]
-        counts.append(count_on_ground(cloud, boxes, detected.renders.site))
-    return np.concatenate(counts)
+    frame_counts = count_frame_points(detected, members)
+    scored_counts = [counts[detected.scored(k)] for k, counts in enumerate(frame_counts)]
+    return np.concatenate([np.empty(0, np.int64), *scored_counts])
+
+
+def count_frame_points(
+    detected: Detected, members: Sequence[int]
+) -> Iterator[Int64[np.ndarray, " objects"]]:
+    """Yield for each frame the number of points of a set on each object, scored or not.
+
+    members: indices of the set's candidates."""
+    job = partial(_count_points, detected, members)
+    return detected.processes.map(job, range(detected.frames), home=choose_home)
+
+
+def _count_points(
+    detected: Detected, members: Sequence[int], k: int
+) -> Int64[np.ndarray, " objects"]:
+    """Count the points of a set on each object of frame k."""
+    boxes = detected.renders.objects(k).boxes
+    return count_on_ground(fuse_clouds(detected, members, k), boxes, detected.renders.site)

@@ -143,6 +143,15 @@ def test_distances_are_horizontal_and_nobody_sees_nothing(seen, small_candidates
         see(small_traffic, small_candidates.select([]))
 
 
+def test_processes_share_the_places(small_traffic, small_candidates):
+    """Blocks of frames, from places that each process has for itself."""
+    traffic = small_traffic.part(0, 10)
+    alone = see(traffic, small_candidates, rendering="panorama")
+    shared = see(traffic, small_candidates, rendering="panorama", run=Run(workers=2))
+    assert equal(shared, alone)
+    assert alone.points.any()
+
+
 @pytest.mark.slow
 def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, limits):
     limits(seeing, MAX_BLOCK_PIXELS=6000)
