@@ -1,4 +1,4 @@
-"""Folded proposal part of a network, computed by OpenVINO.
+"""Folded proposal part and first convolution of a network, computed by OpenVINO.
 
 OpenVINO multiplies in bfloat16 on processors with `avx512_bf16`, on which torch is slower in
 bfloat16 than in float32. Every call copies its input into an array of OpenVINO's and copies the
@@ -49,7 +49,7 @@ class OpenVinoProposal(nn.Module):
         shape = MapShape(*x.shape[1:])
         network = self._networks.get(shape)
         if network is None:
-            network = CompiledMaps(self.proposal, shape, self.precision)
+            network = CompiledMaps(_graph_proposal(self.proposal, shape), self.precision)
             self._networks[shape] = network
         # (rows, columns, channels) of each item
         class_maps = []
@@ -70,25 +70,49 @@ class OpenVinoProposal(nn.Module):
         return OpenVinoProposal(self.proposal, self.precision)
 
 
-class CompiledMaps:
-    """Proposal part compiled for maps of one size; it may be called from several threads."""
+class OpenVinoLayer(nn.Module):
+    """Convolution and ReLU.
 
-    def __init__(
-        self, proposal: FoldedRegionProposal, shape: MapShape, precision: NumberFormat
-    ) -> None:
-        self._request = compile_graph(_graph_proposal(proposal, shape), precision)
+    layer: the convolution, whose weights are copied. precision: format of the products. Raises
+    ImportError without OpenVINO.
+    """
+
+    def __init__(self, layer: nn.Conv2d, precision: NumberFormat = "bf16") -> None:
+        super().__init__()
+        self.layer = layer
+        self.precision: NumberFormat = precision
+        self._compiled: dict[MapShape, CompiledMaps] = {}
+
+    def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B outputs h w"]:
+        """Output after the ReLU."""
+        shape = MapShape(*x.shape[1:])
+        if shape not in self._compiled:
+            self._compiled[shape] = CompiledMaps(graph_layer(self.layer, shape), self.precision)
+        compiled = self._compiled[shape]
+        outputs = []
+        for item in x.permute(0, 2, 3, 1).float().cpu().numpy():
+            (output,) = compiled(item)
+            outputs.append(torch.from_numpy(output))
+        return torch.stack(outputs).permute(0, 3, 1, 2)
+
+    def __deepcopy__(self, memo: object) -> "OpenVinoLayer":
+        """Same weights, compiled anew when needed."""
+        return OpenVinoLayer(self.layer, self.precision)
+
+
+class CompiledMaps:
+    """Graph compiled for maps of one size; it may be called from several threads."""
+
+    def __init__(self, graph: "openvino.Model", precision: NumberFormat) -> None:
+        self._request = compile_graph(graph, precision)
         self._lock = threading.Lock()  # a request computes one map at a time
 
-    def __call__(
-        self, x: Float32[np.ndarray, "H W C"]
-    ) -> tuple[Float32[np.ndarray, "h w A"], Float32[np.ndarray, "h w outputs"]]:
-        """Class logits of the A anchors, and the features of each cell."""
+    def __call__(self, x: Float32[np.ndarray, "H W C"]) -> list[Float32[np.ndarray, "h w _"]]:
+        """Output maps of the graph."""
         with self._lock:
             self._request.get_input_tensor().data[0] = x
             self._request.infer()
-            class_logits = self._request.get_output_tensor(0).data[0].copy()
-            features = self._request.get_output_tensor(1).data[0].copy()
-        return class_logits, features
+            return [tensor.data[0].copy() for tensor in self._request.output_tensors]
 
 
 def compile_graph(graph: "openvino.Model", precision: NumberFormat) -> "openvino.InferRequest":

@@ -31,6 +31,7 @@ from models.network.voxelnet import (
 from toolkit.arrays import Bool, Float, Float32, Int64
 
 BIAS_CHANNELS = 8  # that carry the biases; a multiple of the convolution kernels' width
+ROW_STEP = 64  # rows to which a product in bfloat16 is filled up
 BORDER_CELLS = 2  # in which an empty grid's response varies, after three convolutions
 SMALL_GRID_CELLS = 2 * BORDER_CELLS + 1  # side of the small empty grid
 # for an even, then an odd index along one axis: the kernel taps that meet it, each with the
@@ -235,7 +236,7 @@ class ClassifiedCells(NamedTuple):
         cell_features = self.features.permute(0, 2, 3, 1).reshape(items * rows * columns, -1)[cells]
         weight: Any = self.details.weight
         bias: Any = self.details.bias
-        outputs = F.linear(cell_features, weight[:, :, 0, 0], bias).float()
+        outputs = _multiply_rows(cell_features, weight[:, :, 0, 0], bias).float()
         maps = []  # (places, channels) for each field of `AnchorOutputs`
         for cell_values in torch.split(outputs, self.channels, 1):
             channels = cell_values.shape[1] // anchors
@@ -248,6 +249,19 @@ class ClassifiedCells(NamedTuple):
         """All maps of the head."""
         details = cell_by_cell(self.details, self.features).float()
         return Prediction(self.class_logits, *torch.split(details, self.channels, 1))
+
+
+def _multiply_rows(
+    x: Float[Tensor, "n inputs"],
+    weight: Float[Tensor, "outputs inputs"],
+    bias: Float[Tensor, " outputs"],
+) -> Float[Tensor, "n outputs"]:
+    """Linear layer over rows, whose number differs from cloud to cloud.
+
+    In bfloat16 torch keeps a compiled product for each number of rows, some 200 kB each, so rows of
+    zeros are added up to the next multiple of `ROW_STEP`."""
+    missing = -len(x) % ROW_STEP if x.dtype == torch.bfloat16 else 0
+    return F.linear(F.pad(x, (0, 0, 0, missing)), weight, bias)[: len(x)]
 
 
 class PlainJoin(nn.Module):
@@ -406,11 +420,20 @@ class SparseColumns(nn.Module):
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of
     its map, depending on whether its row and column are even or odd. Each of the nine taps serves
     the columns of one such kind. Cells that no column reaches hold the ReLU of the bias.
+
+    Attributes:
+        first: The convolution.
+        dense: Same convolution for a whole map, in numbers in which that takes less time; None to
+            compute products of occupied columns only.
+        dense_numbers: Type of the numbers of the map for `dense`.
     """
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
         """Fold the normalisation, and sort the taps of the first convolution by parity."""
         super().__init__()
+        self.first = first
+        self.dense: nn.Module | None = None
+        self.dense_numbers = torch.float32
         scale, shift = scale_and_shift(fold.norm)
         self.shape = fold.shape
         self.levels = nn.Parameter(fold.weight.detach() * scale)  # level, input, output
@@ -446,6 +469,12 @@ class SparseColumns(nn.Module):
             start=self.shift.expand(len(cell), -1),
         )
         column_values = torch.relu_(column_values)
+        if self.dense is not None:
+            column_values = column_values.to(self.dense_numbers)
+            columns_map = column_values.new_zeros(voxels.items * nx * ny, column_values.shape[1])
+            columns_map.index_copy_(0, cell, column_values)
+            columns_map = columns_map.view(voxels.items, nx, ny, -1).permute(0, 3, 1, 2)
+            return torch.relu_(self.dense(columns_map))
         # cells of the map after the convolution, with a margin in which outputs beyond it end
         height = nx // 2
         width = ny // 2

@@ -11,7 +11,7 @@ from models.network.number_formats import (
     find_bfloat16_library,
     time_layer,
 )
-from models.network.openvino_proposal import OpenVinoProposal
+from models.network.openvino_proposal import OpenVinoLayer, OpenVinoProposal
 from models.network.sparse import SparseVoxelNet
 
 CPU = torch.device("cpu")
@@ -88,8 +88,12 @@ def test_a_layer_is_timed(library):
 
 def test_a_network_is_converted_for_either_library(trained):
     sparse = SparseVoxelNet(trained(VoxelNetConfig.light((-4, -4, 4, 4))))
-    assert convert_to_bfloat16(sparse, "torch").rpn.classes.weight.dtype == torch.bfloat16
-    converted = convert_to_bfloat16(sparse, "openvino").rpn
-    assert isinstance(converted, OpenVinoProposal)
-    assert converted.precision == "bf16"
-    assert sparse.rpn.classes.weight.dtype == torch.float32
+    by_torch = convert_to_bfloat16(sparse, "torch")
+    assert by_torch.rpn.classes.weight.dtype == torch.bfloat16
+    assert by_torch.middle.dense.weight.dtype == by_torch.middle.dense_numbers == torch.bfloat16
+    by_openvino = convert_to_bfloat16(sparse, "openvino")
+    assert isinstance(by_openvino.rpn, OpenVinoProposal)
+    assert isinstance(by_openvino.middle.dense, OpenVinoLayer)
+    assert by_openvino.rpn.precision == by_openvino.middle.dense.precision == "bf16"
+    assert sparse.rpn.classes.weight.dtype == sparse.middle.first.weight.dtype == torch.float32
+    assert sparse.middle.dense is None

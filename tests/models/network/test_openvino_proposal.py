@@ -10,8 +10,8 @@ import torch
 from models.config import VoxelNetConfig
 from models.detector import VoxelNetDetector
 from models.network.grid import collate, voxelise
-from models.network.openvino_proposal import OpenVinoProposal
-from models.network.sparse import SparseVoxelNet
+from models.network.openvino_proposal import OpenVinoLayer, OpenVinoProposal
+from models.network.sparse import SparseColumns, SparseVoxelNet
 
 pytest.importorskip("openvino")
 
@@ -35,6 +35,8 @@ CONFIGS = {
 def by_openvino(network, precision="f32"):
     converted = copy.deepcopy(network)
     converted.rpn = OpenVinoProposal(converted.rpn, precision)
+    if isinstance(converted.middle, SparseColumns):
+        converted.middle.dense = OpenVinoLayer(converted.middle.first, precision)
     return converted
 
 
@@ -47,6 +49,20 @@ def test_the_maps_are_those_of_torch(config, trained, cloud, assert_same):
     network = SparseVoxelNet(trained(config))
     voxels = collate([voxelise(cloud(config, n, seed=n), config) for n in (2000, 0, 300)])
     assert_same(by_openvino(network)(voxels), network(voxels))
+
+
+def test_a_layer_is_that_of_torch_and_keeps_no_array():
+    layer = torch.nn.Conv2d(3, 5, 3, stride=2, padding=1)
+    compiled = OpenVinoLayer(layer, "f32")
+    for items, rows in ((2, 8), (1, 8), (1, 4)):
+        x = torch.randn(items, 3, rows, 6).to(memory_format=torch.channels_last)
+        before = x.clone()
+        expected = torch.relu(layer(x)).detach()
+        found = compiled(x)
+        compiled(-x)
+        torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(x, before, atol=0, rtol=0)
+    assert copy.deepcopy(compiled)._compiled == {}
 
 
 def test_arrays_are_not_shared_with_the_caller(trained, cloud):

@@ -197,8 +197,10 @@ def test_columns_and_reached_cells_give_the_dense_map(trained, cloud, counts):
     voxels = collate([voxelise(cloud(CONFIG, n, seed), CONFIG) for seed, n in enumerate(counts)])
     features = network.features(voxels)
     expected = torch.relu(first(network.middle(features, voxels)))
-    got = SparseColumns(network.middle, first)(features, voxels)
-    torch.testing.assert_close(got, expected, atol=1e-5, rtol=1e-5)
+    columns = SparseColumns(network.middle, first)
+    torch.testing.assert_close(columns(features, voxels), expected, atol=1e-5, rtol=1e-5)
+    columns.dense = first
+    torch.testing.assert_close(columns(features, voxels), expected, atol=1e-5, rtol=1e-5)
     network = trained(DEEP)
     voxels = collate([voxelise(cloud(DEEP, n, seed), DEEP) for seed, n in enumerate(counts)])
     features = network.features(voxels)
@@ -214,6 +216,23 @@ def test_what_no_column_reaches_is_the_bias(trained, cloud):
     voxels = voxelise(cloud(CONFIG, 0), CONFIG)
     got = SparseColumns(network.middle, first)(network.features(voxels), voxels)
     torch.testing.assert_close(got, first.bias.relu()[:, None, None].expand_as(got[0])[None])
+
+
+@pytest.mark.parametrize("cells", [1, 63, 64, 65, 200])
+def test_products_of_any_number_of_cells_are_those_of_the_whole_map(trained, cloud, cells):
+    """In bfloat16 rows are added, so that few numbers of rows are multiplied."""
+    network = SparseVoxelNet(trained(CONFIG))
+    network.rpn.to(torch.bfloat16)
+    classified = network.classify(voxelise(cloud(CONFIG, 900), CONFIG))
+    rows, columns = classified.features.shape[2:]
+    cell = torch.arange(cells) % (rows * columns)
+    places = AnchorPlaces(
+        item=torch.zeros_like(cell), row=cell // columns, column=cell % columns, anchor=cell % 2
+    )
+    got = classified.at(places, 2).residuals
+    whole = classified.everywhere().residuals[0].view(2, -1, rows, columns)
+    expected = whole[places.anchor, :, places.row, places.column]
+    torch.testing.assert_close(got, expected, atol=0.02, rtol=0.02)
 
 
 DEEP = VoxelNetConfig.from_paper("tjunction", area=(-4.0, -4.0, 5.0, 4.0), head3x3=48, **NARROW)
