@@ -478,6 +478,8 @@ def detect_in_frames(
     members: tuple[int, ...],
     frames: Sequence[int],
     progress: Callable[[int], None] | None = None,
+    *,
+    are_known: bool = False,
 ) -> list[Detections]:
     """Fused detections of a set in each of some frames, not matched.
 
@@ -486,9 +488,14 @@ def detect_in_frames(
             detections.
         members: Ascending indices of the set's candidates.
         frames: Indices of frames.
-        progress: Called with the number of frames done; None for silence."""
+        progress: Called with the number of frames done; None for silence.
+        are_known: True if the set has been scored in these frames, so that this is quick."""
     results = detected.processes.map(
-        partial(_fuse_frame, detected, members), frames, home=choose_home, progress=progress
+        partial(_fuse_frame, detected, members),
+        frames,
+        home=choose_home,
+        is_quick=are_known,
+        progress=progress,
     )
     frame_detections = []
     for detections, new_detections in results:

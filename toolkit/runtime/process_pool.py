@@ -138,6 +138,11 @@ def borrow_pool(job: Task, workers: int) -> Iterator[ProcessPool]:
     pool.idle.start()
 
 
+def is_waiting(workers: int) -> bool:
+    """True if processes wait for a job, as many as `workers`."""
+    return workers in _kept
+
+
 def end_kept() -> None:
     """End the processes that wait for a job."""
     with _lock:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from toolkit.frozen import set_fields
 from toolkit.runtime.parallel import spread
+from toolkit.runtime.process_pool import is_waiting
 
 if TYPE_CHECKING:
     from toolkit.runtime.cache import Cache
@@ -68,14 +69,18 @@ class Processes:
         inputs: Iterable[_In],
         *,
         home: Callable[[_In], int] | None = None,
+        is_quick: bool = False,
         progress: Callable[[int], None] | None = None,
     ) -> Iterator[_Out]:
         """Yield `job(x)` for each input, in order, computed by the processes of the run.
 
         job: a module's function or a callable object that can be pickled; home: from an input to a
         number; a process gets the inputs with the same number, None if it does not matter;
-        progress: called with the number of results. Raises the errors of `job`, WorkLost and
-        ConnectionError."""
+        is_quick: True if the job takes less time than to start processes, so that it is done here
+        unless they wait for work; progress: called with the number of results. Raises the errors of
+        `job`, WorkLost and ConnectionError."""
+        if is_quick and not is_waiting(self.count):
+            return spread(job, inputs, progress=progress)
         return spread(job, inputs, workers=self.count, ray=self.ray, home=home, progress=progress)
 
     def stage(

@@ -80,7 +80,7 @@ def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
     detected = judge.detected  # at the first error profile
     outcomes = judge.outcomes(members)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
-    detections = detect_in_frames(detected, members, range(judge.frames))
+    detections = detect_in_frames(detected, members, range(judge.frames), are_known=True)
     frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
     object_counts = list(map(len, objects))
     # outcomes count objects from 0 in every frame; `first_truth` moves them to rows of all frames
@@ -125,7 +125,7 @@ def count_frame_points(
 
     members: indices of the set's candidates."""
     job = partial(_count_points, detected, members)
-    return detected.processes.map(job, range(detected.frames), home=choose_home)
+    return detected.processes.map(job, range(detected.frames), home=choose_home, is_quick=True)
 
 
 def _count_points(

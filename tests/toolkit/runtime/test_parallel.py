@@ -16,6 +16,7 @@ import pytest
 from toolkit.runtime import process_pool
 from toolkit.runtime.parallel import RETRIES, WorkLost, spread
 from toolkit.runtime.process_pool import tick
+from toolkit.runtime.run import Processes
 from toolkit.runtime.sent_once import SentOnce
 
 
@@ -110,6 +111,14 @@ def test_processes_wait_after_a_caller_that_took_the_last_result_only():
     first = {next(results) for _ in range(4)}
     assert set(spread(worker, range(8), workers=2)) == first
     assert list(results) == []
+
+
+def test_quick_work_starts_no_processes():
+    run = Processes(workers=2)
+    process_pool.end_kept()
+    assert set(run.map(worker, range(3), is_quick=True)) == {os.getpid()}
+    started = set(run.map(worker, range(8)))
+    assert set(run.map(worker, range(8), is_quick=True)) == started
 
 
 def test_inputs_with_the_same_home_are_of_one_process():
