@@ -36,8 +36,8 @@ _LAYER_SHAPE = MapShape(channels=48, height=64, width=96)  # like a map of the n
 def convert_to_bfloat16(network: SparseVoxelNet, library: Library) -> SparseVoxelNet:
     """Copy of a network whose 2D convolutions are computed in bfloat16 by a library.
 
-    In bfloat16 a first convolution of the whole map takes less
-    time than the products of occupied columns."""
+    In bfloat16 a first convolution of the whole map takes less time than the products of occupied
+    columns."""
     converted = copy.deepcopy(network)
     columns = converted.middle
     if library == "openvino":

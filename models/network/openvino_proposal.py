@@ -96,7 +96,7 @@ class OpenVinoLayer(nn.Module):
         return torch.stack(outputs).permute(0, 3, 1, 2)
 
     def __deepcopy__(self, memo: object) -> "OpenVinoLayer":
-        """Same weights, compiled anew when needed."""
+        """Same weights, compiled again when needed."""
         return OpenVinoLayer(self.layer, self.precision)
 
 

@@ -246,7 +246,7 @@ class RoundLook(_Look):
     """Points of all sensors, from panoramas; a block is a range of frames."""
 
     def look_at_blocks(self, blocks: Sequence[Block], run: Run) -> Iterator[SeenPoints]:
-        """Points in each block; each process of the run looks from its own share of the places.
+        """Points in each block; each process of the run looks from a share of the places.
 
         It looks at the static scene there once, and need not look again at what does not move."""
         places, place_of_sensor = self._places

@@ -39,7 +39,7 @@ def tune_allocation(library: object, environment: Iterable[str]) -> bool:
 def return_freed_memory(library: object = None) -> None:
     """Return freed memory to the system, after a job that took much.
 
-    Does nothing under another C library. library: C library, None for that of this process."""
+    Does nothing under another C library. library: C library, None for this process's."""
     getattr(library or _c_library(), "malloc_trim", bool)(0)
 
 

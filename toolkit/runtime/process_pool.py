@@ -45,7 +45,7 @@ class ProcessPool:
         # new one died before it read it: in a script without `if __name__ == "__main__":`
         self._folder = tempfile.TemporaryDirectory(prefix="coview-job-")
         folder = Path(self._folder.name)
-        self._parts = _SentParts(folder)
+        self._objects = _SentObjects(folder)
         self._job_path = folder / "job"
         self._job_bytes = b""
         self._job_number = 0
@@ -54,7 +54,7 @@ class ProcessPool:
         self.counter = context.Value("q")  # an integer of 64 bits, with a lock
         threads = max(1, (os.cpu_count() or 1) // workers)
         arguments = (folder, self._reader, self.counter, threads)
-        # one process each, so that an input can go to the process that knows more of it
+        # one process each, so that an input can go to the process that keeps what it needs
         self._executors = [
             ProcessPoolExecutor(1, context, _start_worker, arguments) for _ in range(workers)
         ]
@@ -71,11 +71,11 @@ class ProcessPool:
 
     def take_job(self, job: Task) -> None:
         """Let the processes work on a job, which must be pickled; no other may be in work."""
-        job_bytes = self._parts.dump(job)
+        job_bytes = self._objects.dump(job)
         if job_bytes != self._job_bytes:
             self._job_number += 1
             self._job_bytes = job_bytes
-            self._job_path.write_bytes(pickle.dumps(self._parts.live_numbers) + job_bytes)
+            self._job_path.write_bytes(pickle.dumps(self._objects.live_numbers) + job_bytes)
         self.counter.get_obj().value = 0
 
     def submit(self, x: Value, home: int | None = None) -> Future[Value]:
@@ -159,13 +159,13 @@ def tick() -> None:
             _ticks.value += 1
 
 
-class _SentParts:
+class _SentObjects:
     """Files of the objects that processes get once, each pickled when a job first refers to it.
 
     An object's file is removed when the object is gone."""
 
     def __init__(self, folder: Path) -> None:
-        """Begin without objects. folder: where their files come to lie."""
+        """Begin without objects. folder: folder of their files."""
         self._folder = folder
         self._numbers: dict[int, int] = {}  # by `id` of the object
         self._references: dict[int, weakref.ref[SentOnce]] = {}  # by number
@@ -176,93 +176,95 @@ class _SentParts:
         """Numbers of the objects that are not gone."""
         return set(self._references)
 
-    def dump(self, whole: object) -> bytes:
+    def dump(self, root: object) -> bytes:
         """Pickle an object, in which others that are `SentOnce` are replaced by their numbers."""
         buffer = io.BytesIO()
-        _PartPickler(buffer, whole, self._number).dump(whole)
+        _ReferencePickler(buffer, root, self._number).dump(root)
         return buffer.getvalue()
 
-    def _number(self, part: SentOnce) -> int:
+    def _number(self, sent: SentOnce) -> int:
         """Number of an object, whose file is written if it is new."""
-        key = id(part)
+        key = id(sent)
         if key not in self._numbers:
             number = self._count
             self._count += 1
             self._numbers[key] = number
             # called when the object is gone, before another can have its `id`
-            self._references[number] = weakref.ref(part, partial(self._forget, key))
-            _part_path(self._folder, number).write_bytes(self.dump(part))
+            self._references[number] = weakref.ref(sent, partial(self._forget, key))
+            _object_path(self._folder, number).write_bytes(self.dump(sent))
         return self._numbers[key]
 
     def _forget(self, key: int, reference: object) -> None:
         """Remove what belongs to an object that is gone. key: its `id`; reference: to nothing."""
         number = self._numbers.pop(key)
         del self._references[number]
-        _part_path(self._folder, number).unlink(missing_ok=True)
+        _object_path(self._folder, number).unlink(missing_ok=True)
 
 
-class _PartPickler(pickle.Pickler):
+class _ReferencePickler(pickle.Pickler):
     """Pickler that writes numbers in the place of objects that are `SentOnce`."""
 
     def __init__(
-        self, file: io.BytesIO, whole: object, find_number: Callable[[SentOnce], int]
+        self, file: io.BytesIO, root: object, find_number: Callable[[SentOnce], int]
     ) -> None:
         """Prepare to pickle one object.
 
-        whole: the object itself, never replaced; find_number: gives a part's number."""
+        root: the object itself, never replaced; find_number: gives the number of another."""
         super().__init__(file, pickle.HIGHEST_PROTOCOL)
-        self._whole = whole
+        self._root = root
         self._find_number = find_number
 
     def persistent_id(self, obj: object) -> int | None:
-        if isinstance(obj, SentOnce) and obj is not self._whole:
+        if isinstance(obj, SentOnce) and obj is not self._root:
             return self._find_number(obj)
         return None
 
 
-def _part_path(folder: Path, number: int) -> Path:
+def _object_path(folder: Path, number: int) -> Path:
     """File of an object that is sent once."""
-    return folder / f"part{number}"
+    return folder / f"object{number}"
 
 
 class _ReceivedJob:
-    """Job of this process, which is one of a pool, and the parts of its jobs.
+    """Job of this process, which is one of a pool, and the objects that it was sent once.
 
     Attributes:
         number: Number of the job that is loaded, 0 for none.
         job: The job."""
 
     def __init__(self, folder: Path, threads: int) -> None:
-        """Begin without a job. folder: where the pool writes jobs; threads: for torch."""
+        """Begin without a job.
+
+        folder: folder of the pool's files; threads: number of threads of torch."""
         self._folder = folder
         self._threads = threads
-        self._parts: dict[int, object] = {}  # by number
+        self._objects: dict[int, object] = {}  # by number
         self.number = 0
         self.job: Task = bool
 
     def load(self, number: int) -> None:
-        """Load the job that the pool works on; parts that are gone in the pool's process go."""
+        """Load the job that the pool works on; objects that are gone in its parent go."""
         self.job = bool  # the last one goes before the next is loaded
         with (self._folder / "job").open("rb") as file:
             live_numbers = pickle.load(file)
-            self._parts = {n: part for n, part in self._parts.items() if n in live_numbers}
+            self._objects = {n: known for n, known in self._objects.items() if n in live_numbers}
             self.job = self._unpickle(file)
         self.number = number
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(self._threads)
 
     def _unpickle(self, file: io.BufferedReader) -> Value:
-        """Next object of a file, with its parts."""
+        """Next pickled object of a file, with those that it refers to."""
         unpickler = pickle.Unpickler(file)
-        unpickler.persistent_load = self._find_part  # type: ignore[method-assign]
+        unpickler.persistent_load = self._find_object  # type: ignore[method-assign]
         return unpickler.load()
 
-    def _find_part(self, number: int) -> object:
-        """Part of a job, loaded when a job first refers to it."""
-        if number not in self._parts:
-            with _part_path(self._folder, number).open("rb") as file:
-                self._parts[number] = self._unpickle(file)
-        return self._parts[number]
+    def _find_object(self, number: int) -> object:
+        """Object that is sent once, loaded when a job first refers to it."""
+        if number not in self._objects:
+            with _object_path(self._folder, number).open("rb") as file:
+                self._objects[number] = self._unpickle(file)
+        return self._objects[number]
 
 
 _received: _ReceivedJob
@@ -272,8 +274,8 @@ _ticks: Value = None  # a number that all workers of a pool count up; None in ot
 def _start_worker(folder: Path, parent: Connection, ticks: Value, threads: int) -> None:
     """Prepare a process of a pool: its jobs, and its end with its parent's.
 
-    folder: where the pool writes jobs; parent: pipe that closes when the parent ends; ticks: number
-    of calls of `tick`, which the pool's processes share; threads: for torch and BLAS."""
+    folder: folder of the pool's files; parent: pipe that closes when the parent ends; ticks: number
+    of calls of `tick`, which all processes share; threads: number of threads of libraries."""
     global _received, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
@@ -294,7 +296,7 @@ def _end_after(parent: Connection) -> None:
 
 
 def _work(number: int, x: Value) -> Value:
-    """Result of the pool's job for one input. number: of the job."""
+    """Compute the result of the job with a number for one input."""
     if _received.number != number:
         _received.load(number)
     return _received.job(x)

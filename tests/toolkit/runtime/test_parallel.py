@@ -160,19 +160,19 @@ def test_what_jobs_share_stays_in_their_processes():
     assert inner.calls == 0
 
 
-def live_parts(count: int, x: int) -> int:
-    return len(process_pool._received._parts)
+def live_objects(count: int, x: int) -> int:
+    return len(process_pool._received._objects)
 
 
 def test_what_is_gone_goes_in_processes_too():
     inner = Counter()
     assert list(spread(partial(count_inner, Counter(inner)), [0], workers=2)) == [1]
     (pool,) = process_pool._kept.values()
-    assert list(spread(partial(live_parts, 0), [0], workers=2, home=lambda x: 0)) == [1]
+    assert list(spread(partial(live_objects, 0), [0], workers=2, home=lambda x: 0)) == [1]
     del inner
-    assert pool._parts.live_numbers == set()
-    assert list(spread(partial(live_parts, 1), [0], workers=2, home=lambda x: 0)) == [0]
-    assert not list(Path(pool._folder.name).glob("part*"))
+    assert pool._objects.live_numbers == set()
+    assert list(spread(partial(live_objects, 1), [0], workers=2, home=lambda x: 0)) == [0]
+    assert not list(Path(pool._folder.name).glob("object*"))
 
 
 def threads(x: int) -> tuple[str, int]:
