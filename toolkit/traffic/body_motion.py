@@ -26,22 +26,47 @@ def move_driver(
         fronts: x, y of the middle of the front bumper (m), one for each step of `FINE_STEP_S`.
         yaw: heading at the start (rad).
         length: length of the body (m)."""
-    smoothed = smooth_motion(fronts)
+    return _follow_front(smooth_motion(fronts), yaw, length)
+
+
+def change_length(
+    poses: Float64[np.ndarray, "steps 3"], length: float, new_length: float
+) -> Float64[np.ndarray, "steps 3"]:
+    """Return the poses of a vehicle of another length whose front takes the same course.
+
+    Args:
+        poses: x, y of the middle (m), yaw (rad), one for each step of `FINE_STEP_S`.
+        length: length of the body that has these poses (m).
+        new_length: length of the other body (m)."""
+    directions = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+    fronts = poses[:, :2] + length / 2 * directions
+    return _follow_front(fronts, float(poses[0, 2]), new_length)
+
+
+def _follow_front(
+    fronts: Float64[np.ndarray, "steps 2"], yaw: float, length: float
+) -> Float64[np.ndarray, "steps 3"]:
+    """Return the poses (x, y of the middle, yaw) of a vehicle, given a smooth course of its front.
+
+    Args:
+        fronts: x, y of the middle of the front bumper (m), one for each step of `FINE_STEP_S`.
+        yaw: heading at the start (rad).
+        length: length of the body (m)."""
     axle_distance = REAR_AXLE_SHARE * length  # from the front bumper
-    rear_x = float(smoothed[0, 0]) - axle_distance * cos(yaw)
-    rear_y = float(smoothed[0, 1]) - axle_distance * sin(yaw)
+    rear_x = float(fronts[0, 0]) - axle_distance * cos(yaw)
+    rear_y = float(fronts[0, 1]) - axle_distance * sin(yaw)
     yaws = []
-    for x, y in smoothed.tolist():
+    for x, y in fronts.tolist():
         dx = x - rear_x
         dy = y - rear_y
         share = axle_distance / hypot(dx, dy)
         rear_x = x - share * dx
         rear_y = y - share * dy
         yaws.append(atan2(dy, dx))
-    poses = np.empty((len(smoothed), 3))
+    poses = np.empty((len(fronts), 3))
     poses[:, 2] = yaws
-    poses[:, 0] = smoothed[:, 0] - length / 2 * np.cos(poses[:, 2])
-    poses[:, 1] = smoothed[:, 1] - length / 2 * np.sin(poses[:, 2])
+    poses[:, 0] = fronts[:, 0] - length / 2 * np.cos(poses[:, 2])
+    poses[:, 1] = fronts[:, 1] - length / 2 * np.sin(poses[:, 2])
     return poses
 
 

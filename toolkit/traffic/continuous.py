@@ -1,8 +1,9 @@
 """Continuous traffic: frames of ways through a site that never overlap.
 
 Frames may be any number of steps of 0.1 s apart. A road user that would overlap another, a parked
-vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`), or sets out later. It is
-refused as a whole if that does not help, so that nobody appears or vanishes inside the view."""
+vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`), or sets out later. A body
+too long for a turn is replaced by a shorter one. A road user is refused as a whole if nothing
+helps, so that nobody appears or vanishes inside the view."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +15,13 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import footprints
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.site import Site
+from toolkit.traffic.body_motion import change_length
 from toolkit.traffic.course import Course
 from toolkit.traffic.flow import Flow
 from toolkit.traffic.obstacles import LevelBoxes, Obstacles
 from toolkit.traffic.occupancy import Occupancy, size_boxes
 from toolkit.traffic.parked import Parked
-from toolkit.traffic.right_of_way import give_way
+from toolkit.traffic.right_of_way import give_way, is_impassable
 from toolkit.traffic.road_lanes import distance_to_area, outline_view
 from toolkit.traffic.sumo import FINE_STEP_S
 from toolkit.traffic.supply import Supply
@@ -158,17 +160,55 @@ def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> li
     """Ways without overlaps, in the same order; those that find no way through are left out.
 
     Vehicles go before cyclists and these before pedestrians, in each class who set out first. Who
-    finds no way through sets out later."""
+    finds no way through sets out later, with a shorter body if the turn is too tight for this one.
+    """
     labels = supply.labels[[way.traveller.body for way in ways]].tolist() if ways else []
     order = sorted(range(len(ways)), key=lambda number: RANK[labels[number]])
     ways_by_number = {}
     for number in order:
-        way = ways[number]
-        size = supply.sizes[way.traveller.body]
-        for delay in DELAYS_STEPS:
-            first = way.first + delay
-            poses = give_way(Course(first, way.poses, size, label=labels[number]), occupancy)
-            if poses is not None:
-                ways_by_number[number] = way._replace(first=first, poses=poses)
-                break
+        placed = _place(ways[number], supply, occupancy)
+        if placed is None:
+            shortened = _shorten_body(ways[number], supply, occupancy)
+            placed = None if shortened is None else _place(shortened, supply, occupancy)
+        if placed is not None:
+            ways_by_number[number] = placed
     return [ways_by_number[number] for number in sorted(ways_by_number)]
+
+
+def _place(way: Journey, supply: Supply, occupancy: Occupancy) -> Journey | None:
+    """Way that meets nobody, which may set out later; None if there is no way through.
+
+    occupancy: the others, to which the body is added."""
+    for delay in DELAYS_STEPS:
+        first = way.first + delay
+        poses = give_way(_make_course(way._replace(first=first), supply), occupancy)
+        if poses is not None:
+            return way._replace(first=first, poses=poses)
+    return None
+
+
+def _shorten_body(way: Journey, supply: Supply, occupancy: Occupancy) -> Journey | None:
+    """Way with the longest shorter body of its kind that can take all turns.
+
+    None for a pedestrian, for a body that can take them itself, and if none can."""
+    body = way.traveller.body
+    if supply.labels[body] == PEDESTRIAN:
+        return None
+    if not is_impassable(_make_course(way, supply), occupancy):
+        return None
+    lengths = supply.sizes[:, 0]
+    is_alike = np.array([name == supply.classes[body] for name in supply.classes])
+    shorter = np.flatnonzero(is_alike & (lengths < lengths[body]))
+    longest_first = shorter[np.argsort(-lengths[shorter], kind="stable")]
+    for row in longest_first.tolist():
+        poses = change_length(way.poses, float(lengths[body]), float(lengths[row]))
+        shortened = way._replace(traveller=way.traveller._replace(body=row), poses=poses)
+        if not is_impassable(_make_course(shortened, supply), occupancy):
+            return shortened
+    return None
+
+
+def _make_course(way: Journey, supply: Supply) -> Course:
+    """Course of the body of a way."""
+    body = way.traveller.body
+    return Course(way.first, way.poses, supply.sizes[body], label=int(supply.labels[body]))

@@ -104,7 +104,7 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
             return poses
         row = conflict - course.first
         is_static = occupancy.is_obstructed(boxes[[row]]).any()
-        if is_static and _is_impassable(course, plan.progress[row], occupancy):
+        if is_static and _is_impassable_at(course, plan.progress[row], occupancy):
             if course.label != PEDESTRIAN:
                 return None
             detour = walk_round(course, occupancy, gap=GAPS_M[PEDESTRIAN][-1])
@@ -130,22 +130,29 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
     return None
 
 
-def _is_impassable(course: Course, progress: float, occupancy: Occupancy) -> bool:
+def is_impassable(course: Course, occupancy: Occupancy) -> bool:
     """Return True if solids or parked vehicles leave a body no way along its course.
 
-    It would wait for ever, and all who wait for it.
+    It would wait for ever, and all who wait for it."""
+    return _has_closed_row(course, np.arange(len(course.poses)), occupancy)
 
-    Args:
-        course: Course of the body.
-        progress: Row of the course's poses at which it is obstructed, which may be between two.
-        occupancy: What is in its way."""
+
+def _is_impassable_at(course: Course, progress: float, occupancy: Occupancy) -> bool:
+    """Return True if a course is impassable near one place.
+
+    progress: row of its poses at which it is obstructed, which may be between two."""
     nearest = round(progress)
-    rows = np.arange(max(0, nearest - REACH_STEPS), min(len(course.poses), nearest + REACH_STEPS))
+    last = min(len(course.poses), nearest + REACH_STEPS)
+    rows = np.arange(max(0, nearest - REACH_STEPS), last)
+    return _has_closed_row(course, rows, occupancy)
+
+
+def _has_closed_row(course: Course, rows: Int64[np.ndarray, " n"], occupancy: Occupancy) -> bool:
+    """Return True if all lines next to one of the rows are obstructed, so that none leads past."""
     asides = _list_asides(course)
     smallest_gap = GAPS_M[course.label][-1]
     boxes = course.list_lines(rows, asides)
     is_obstructed = occupancy.is_obstructed_in_view(boxes, smallest_gap)
-    # all lines of one row, so that no step aside leads past it
     return bool(is_obstructed.reshape(len(rows), len(asides)).all(axis=1).any())
 
 

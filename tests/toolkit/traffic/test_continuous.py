@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.bodies.fleet import catalogue
+from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import footprints
-from toolkit.objects import LABELS, PEDESTRIAN
+from toolkit.datasets.simulation import Job
+from toolkit.objects import HEAVY, LABELS, PEDESTRIAN
 from toolkit.sites.files import load_site
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site
-from toolkit.traffic.body_motion import move_driver, move_pedestrian, smooth_motion
+from toolkit.traffic.body_motion import change_length, move_driver, move_pedestrian, smooth_motion
 from toolkit.traffic.continuous import simulate_continuously
 from toolkit.traffic.flow import Flow, Movement
 from toolkit.traffic.road_lanes import distance_to_area
@@ -68,6 +69,18 @@ def test_all_classes_come_in_at_the_border_and_leave_there(traffic, tracks):
 @needs_sumo
 def test_hardly_anybody_is_refused(traffic):
     assert traffic.refused <= 1  # of some 50 in a minute
+
+
+@needs_sumo
+def test_a_truck_too_long_for_its_turn_is_replaced_by_a_shorter_one():
+    # in this recording a truck of 16.5 m cannot get round a house, and one of 12.6 m can
+    site = load_site("tjunction")
+    job = Job(site, site.sensors, fleet_named(), 1000, seed=13, interval=0.1)
+    traffic = job.with_traffic().traffic
+    assert traffic is not None
+    assert traffic.refused == 0
+    is_long = np.abs(traffic.boxes[:, 3] - 12.6) < 0.05
+    assert is_long.sum() > 50
 
 
 @needs_sumo
@@ -146,6 +159,14 @@ def test_a_driver_s_rear_follows_its_front():
         [-np.sin(poses[1:, 2]), np.cos(poses[1:, 2])]
     )
     assert np.abs(sideways.sum(axis=1)).max() < 0.02
+
+
+def test_a_shorter_body_keeps_the_course_of_the_front():
+    bend = np.concatenate([np.zeros(40), np.linspace(0, np.pi / 2, 60), np.full(40, np.pi / 2)])
+    fronts = np.cumsum(np.column_stack([np.cos(bend), np.sin(bend)]) * 0.5, axis=0)
+    long_poses = move_driver(fronts, 0.0, 16.0)
+    shortened = change_length(long_poses, 16.0, 8.0)
+    np.testing.assert_allclose(shortened, move_driver(fronts, 0.0, 8.0), atol=1e-9)
 
 
 def test_a_pedestrian_faces_its_way_and_keeps_facing_it_while_it_waits():
