@@ -19,6 +19,7 @@ GATE_LENGTH_SHARE = 0.15
 MAX_SQUARED_DISTANCE = 12.0  # of a detection from a track, in such standard deviations
 OTHER_CLASS_COST = 3.0  # added to the squared distance
 SIZE_COST_M = 0.3  # difference of sizes that costs 1 after a gap
+HEIGHT_COST_M = 0.2  # difference of heights of pedestrians that costs 1
 GAP_S = 0.5  # longer without a detection, the size of what returns counts
 SURE_SCORE = 0.35  # of the detections that are assigned in the first round
 
@@ -97,7 +98,12 @@ def _measure_costs(
     is_impossible = cost > MAX_SQUARED_DISTANCE
     is_impossible |= find_unlike(labels, detections.labels)
     cost += OTHER_CLASS_COST * (labels[:, None] != detections.labels)
-    # a pedestrian's box changes with each step, so its size says nothing
+    # people who walk next to each other are told apart by their heights
+    is_walker = labels == PEDESTRIAN
+    if is_walker.any():
+        heights = tracks.size[is_walker, 2]
+        cost[is_walker] += np.square((boxes[:, 5] - heights[:, None]) / HEIGHT_COST_M)
+    # a pedestrian's length and width change with each step, so they say nothing
     is_returning = (time - tracks.last_time > GAP_S) & (labels != PEDESTRIAN)
     if is_returning.any():
         sizes = tracks.size[is_returning, None, :2]

@@ -26,6 +26,7 @@ from toolkit.tracking.face_doubts import (
     turn_faces,
     weigh_sizes,
 )
+from toolkit.tracking.false_tracks import find_doubles, is_flickering, weigh_tracks
 from toolkit.tracking.headings import find_heading_outliers, keep_near_course, settle_heading
 from toolkit.tracking.motion_smoothing import MeasuredCourse, smooth_motions
 from toolkit.tracking.track_states import has_evidence
@@ -116,13 +117,23 @@ def smooth_tracks(
     motions = smooth_motions([track.course for track in settled])
     parts = [_make_single_rows(single, place_error)]
     for track, motion in zip(settled, motions, strict=True):
+        if _is_fixed(track, motion):
+            continue
         parts.append(_make_rows(track, detections_by_track[track.name], motion, place_error))
     columns = [np.concatenate(values) for values in zip(*parts, strict=True)]
     rows = _TrackRows(*columns)
     order = np.lexsort((rows.ids, rows.frame))
     joined = Tracks(*(column[order] for column in rows[1:]))
     begins = np.searchsorted(rows.frame[order], np.arange(len(frames) + 1))
-    return [joined[first:last] for first, last in pairwise(begins.tolist())]
+    hits = {name: len(track.frame) for name, track in detections_by_track.items()}
+    tracks_by_frame = []
+    for first, last in pairwise(begins.tolist()):
+        tracks = joined[first:last]
+        track_hits = np.array([hits.get(name, 1) for name in tracks.ids.tolist()], np.int64)
+        weights = weigh_tracks(tracks.scores, track_hits)
+        is_double = find_doubles(tracks.boxes, tracks.labels, weights)
+        tracks_by_frame.append(tracks[~is_double] if is_double.any() else tracks)
+    return tracks_by_frame
 
 
 def _collect(
@@ -251,6 +262,20 @@ def _settle_track(
         misfit=misfit,
         course=course,
     )
+
+
+def _is_fixed(settled: _Settled, motion: Float64[np.ndarray, "f 4"]) -> bool:
+    """True for a track that is a false alarm on something fixed.
+
+    motion: x, y (m) and their velocities (m/s) in each of its frames."""
+    away = motion[:, :2] - motion[0, :2]
+    is_fixed = is_flickering(
+        np.array([settled.label]),
+        np.hypot(away[:, 0], away[:, 1]).max(keepdims=True),
+        hits=np.array([len(settled.yaw)]),
+        frames=np.array([len(settled.frames)]),
+    )
+    return bool(is_fixed[0])
 
 
 def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRows:

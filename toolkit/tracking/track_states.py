@@ -88,6 +88,9 @@ class TrackStates(NamedTuple):
         votes: Sum of the scores of the track's detections of each class of `LABELS`.
         score: Mean score, the last `SCORE_MEMORY_HITS` detections counting most.
         hits: Number of detections.
+        frames: Number of frames from its first one on.
+        first_place: x, y of the centre (m) in its first frame.
+        walked_m: Largest distance (m) of the centre from there.
         front_votes: Detections that faced the same way, minus those that faced the other way.
         doubts: Expected error (m) of the front, rear, left, right and top in the last detection.
         first_time: Time of the first detection (s).
@@ -109,6 +112,9 @@ class TrackStates(NamedTuple):
     votes: Float64[np.ndarray, "m classes"]
     score: Float64[np.ndarray, " m"]
     hits: Int64[np.ndarray, " m"]
+    frames: Int64[np.ndarray, " m"]
+    first_place: Float64[np.ndarray, "m 2"]
+    walked_m: Float64[np.ndarray, " m"]
     front_votes: Float64[np.ndarray, " m"]
     doubts: Float64[np.ndarray, "m 5"]
     first_time: Float64[np.ndarray, " m"]
@@ -190,6 +196,9 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
         votes=votes,
         score=detections.scores.copy(),
         hits=np.ones(count, np.int64),
+        frames=np.ones(count, np.int64),
+        first_place=boxes[:, :2].copy(),
+        walked_m=np.zeros(count),
         front_votes=np.ones(count),
         doubts=doubts,
         first_time=times,
@@ -244,6 +253,7 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     votes[np.arange(len(boxes)), detections.labels] += detections.scores
     share = 1 / np.minimum(tracks.hits + 1, SCORE_MEMORY_HITS)  # of this detection in a mean
     floor = boxes[:, 2] - boxes[:, 5] / 2
+    away = motion[:, :2] - tracks.first_place
     corrected = tracks._replace(
         motion=motion,
         covariance=covariance,
@@ -253,6 +263,7 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         votes=votes,
         score=tracks.score + share * (detections.scores - tracks.score),
         hits=tracks.hits + 1,
+        walked_m=np.maximum(tracks.walked_m, np.hypot(away[:, 0], away[:, 1])),
         front_votes=tracks.front_votes + np.where(is_turned, -1.0, 1.0),
         doubts=doubts,
         last_time=np.full(len(boxes), time),

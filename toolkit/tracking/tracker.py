@@ -18,6 +18,7 @@ from toolkit.boxes import iou_bev
 from toolkit.objects import Detections
 from toolkit.tracking.assignment import assign_detections, find_unlike
 from toolkit.tracking.face_doubts import combine_doubts
+from toolkit.tracking.false_tracks import find_doubles, is_flickering, weigh_tracks
 from toolkit.tracking.track_states import (
     MIN_HITS,
     MeasuredRows,
@@ -99,6 +100,7 @@ class Tracker:
         tracks = self._tracks
         if self._time is not None:
             tracks = predict_tracks(tracks, time - self._time)
+            tracks = tracks._replace(frames=tracks.frames + 1)
         self._time = time
         mine, theirs = assign_detections(tracks, measured, time)
         seen = correct_tracks(tracks.select(mine), measured.select(theirs), time)
@@ -133,10 +135,16 @@ class Tracker:
         fading = np.where(is_standing(tracks), STANDING_FADING_S, FADING_S)
         is_sure = (tracks.detection >= 0) & (tracks.score >= TENTATIVE_SCORE)
         is_reported = (tracks.is_confirmed() | is_sure) & (unseen <= fading)
-        tracks = tracks.select(is_reported)
-        unseen = unseen[is_reported]
-        fading = fading[is_reported]
         labels = tracks.label()
+        is_reported &= ~is_flickering(labels, tracks.walked_m, tracks.hits, tracks.frames)
+        rows = np.flatnonzero(is_reported)
+        weights = weigh_tracks(tracks.score, tracks.hits)
+        boxes = make_track_boxes(tracks)
+        rows = rows[~find_doubles(boxes[rows], labels[rows], weights[rows])]
+        tracks = tracks.select(rows)
+        unseen = unseen[rows]
+        fading = fading[rows]
+        labels = labels[rows]
         # a place that is extrapolated is unsure
         variance = (tracks.covariance[:, 0, 0] + tracks.covariance[:, 1, 1]) / 2
         place_error = np.hypot(self._place_error, np.where(unseen > 0, np.sqrt(variance), 0.0))
@@ -144,7 +152,7 @@ class Tracker:
             tracks.doubts, tracks.size_doubts(), labels, place_error, misfit=tracks.misfit
         )
         return Tracks(
-            boxes=make_track_boxes(tracks),
+            boxes=boxes[rows],
             scores=tracks.score * np.exp(-unseen / fading),
             labels=labels,
             doubts=doubts,
