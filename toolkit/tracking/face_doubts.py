@@ -4,6 +4,8 @@ A doubt is the expected error (m) of a face of a box. Doubts of n boxes have sha
 rear, left, right, top.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
@@ -18,6 +20,8 @@ IS_RIGID = np.array([True, False, False, True])  # by class; the others move arm
 LONGER_WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0])
 EXPECTILE_ROUNDS = 8
 MISFIT_HITS = 10.0  # detections that the usual misfit counts as
+# error of a face of a rigid body that is guessed outside the area, by its distance from there
+OUTER_ERROR_SHARE = 0.25
 _SIZE_OF_FACE = [0, 0, 1, 1, 2]  # length, width or height
 
 
@@ -26,6 +30,36 @@ def get_doubts(detections: Detections) -> Float64[np.ndarray, "n 5"]:
     if detections.doubts is not None:
         return detections.doubts
     return np.tile(USUAL_DOUBTS_M, (len(detections), 1))
+
+
+def doubt_outer_faces(
+    boxes: BoxRows,
+    doubts: Float64[np.ndarray, "n 5"],
+    labels: Int64[np.ndarray, " n"],
+    area: Sequence[float],
+) -> Float64[np.ndarray, "n 5"]:
+    """Doubts of the faces of detections, larger for faces of vehicles that stick out of the area.
+
+    No point outside the area is looked at, so the detector has guessed these faces.
+
+    Args:
+        boxes: Detections.
+        doubts: Expected error (m) of front, rear, left, right and top as the detector gives it.
+        labels: Class of each detection.
+        area: xmin, ymin, xmax, ymax (m) from which the detector had points."""
+    xmin, ymin, xmax, ymax = area
+    cos = np.cos(boxes[:, 6])
+    sin = np.sin(boxes[:, 6])
+    ahead = boxes[:, 3:4] / 2 * np.column_stack([cos, sin])
+    leftwards = boxes[:, 4:5] / 2 * np.column_stack([-sin, cos])
+    outer = doubts.copy()
+    for face, offset in enumerate((ahead, -ahead, leftwards, -leftwards)):
+        x, y = (boxes[:, :2] + offset).T
+        outside_x = np.maximum(np.maximum(xmin - x, x - xmax), 0)
+        outside_y = np.maximum(np.maximum(ymin - y, y - ymax), 0)
+        error = OUTER_ERROR_SHARE * np.hypot(outside_x, outside_y)
+        outer[:, face] = np.hypot(doubts[:, face], np.where(IS_RIGID[labels], error, 0))
+    return outer
 
 
 def turn_faces(

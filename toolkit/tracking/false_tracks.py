@@ -9,9 +9,17 @@ from toolkit.objects import CYCLIST, PEDESTRIAN
 MIN_WALKED_M = 0.7  # farther from its first place, a track has walked
 # share of its frames in which somebody who stands in view is detected
 MIN_DETECTED_SHARE = 0.8
+MAX_GAP_FRAMES = 2  # of each gap that count; a long one is no flicker
 MAX_WEIGHED_HITS = 20  # detections of a track that count when two tracks are compared
 SAME_PERSON_IOU = 0.05  # above it, two people would stand in each other
 MAX_PERSON_REACH_M = 3.0  # distance of the centres of boxes that overlap so much
+
+
+def count_frames(steps: Int64[np.ndarray, " k"]) -> Int64[np.ndarray, " k"]:
+    """Number of frames in which a track should have been detected, of steps between detections.
+
+    steps: frames from one detection to the next, 1 without a gap."""
+    return np.minimum(steps, MAX_GAP_FRAMES + 1)
 
 
 def is_flickering(
@@ -22,13 +30,13 @@ def is_flickering(
 ) -> Bool[np.ndarray, " m"]:
     """Mask of tracks of pedestrians that are false alarms on something fixed, such as a post.
 
-    Somebody who waits has walked there, or is detected in nearly all frames.
+    Somebody who waits has walked there, or is detected in nearly all frames unless hidden.
 
     Args:
         labels: Class of each track.
         walked_m: Largest distance (m) from its first place.
         hits: Number of its detections.
-        frames: Number of frames from its first one on."""
+        frames: Number of its frames, see `count_frames`."""
     has_stayed = (labels == PEDESTRIAN) & (walked_m < MIN_WALKED_M)
     return has_stayed & (hits < MIN_DETECTED_SHARE * frames)
 

@@ -18,6 +18,7 @@ from toolkit.tracking.face_doubts import (
     anchor_centres,
     centre_covariance,
     combine_doubts,
+    doubt_outer_faces,
     doubt_sizes,
     estimate_size,
     find_misfit,
@@ -26,7 +27,7 @@ from toolkit.tracking.face_doubts import (
     turn_faces,
     weigh_sizes,
 )
-from toolkit.tracking.false_tracks import find_doubles, is_flickering, weigh_tracks
+from toolkit.tracking.false_tracks import count_frames, find_doubles, is_flickering, weigh_tracks
 from toolkit.tracking.headings import find_heading_outliers, keep_near_course, settle_heading
 from toolkit.tracking.motion_smoothing import MeasuredCourse, smooth_motions
 from toolkit.tracking.track_states import has_evidence
@@ -168,6 +169,8 @@ def _collect(
             progress(k + 1)
     everything = Detections.merge(frames)
     doubts = np.concatenate([np.zeros((0, 5)), *map(get_doubts, frames)])
+    if area is not None:
+        doubts = doubt_outer_faces(everything.boxes, doubts, everything.labels, area)
     track_ids = np.concatenate(track_parts)
     order = np.argsort(track_ids, kind="stable")
     track_ids = track_ids[order]
@@ -272,8 +275,8 @@ def _is_fixed(settled: _Settled, motion: Float64[np.ndarray, "f 4"]) -> bool:
     is_fixed = is_flickering(
         np.array([settled.label]),
         np.hypot(away[:, 0], away[:, 1]).max(keepdims=True),
-        hits=np.array([len(settled.yaw)]),
-        frames=np.array([len(settled.frames)]),
+        hits=np.array([len(settled.course.seen)]),
+        frames=1 + count_frames(np.diff(settled.course.seen)).sum(keepdims=True),
     )
     return bool(is_fixed[0])
 

@@ -19,6 +19,7 @@ from toolkit.tracking.face_doubts import (
     turn_faces,
     weigh_sizes,
 )
+from toolkit.tracking.false_tracks import count_frames
 from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
 
 # largest weight of a size, in weights of its surest detection: so earlier detections fade, such as
@@ -88,7 +89,8 @@ class TrackStates(NamedTuple):
         votes: Sum of the scores of the track's detections of each class of `LABELS`.
         score: Mean score, the last `SCORE_MEMORY_HITS` detections counting most.
         hits: Number of detections.
-        frames: Number of frames from its first one on.
+        frames: Number of frames from its first detection to its last one, see `count_frames`.
+        missed_frames: Number of frames since then.
         first_place: x, y of the centre (m) in its first frame.
         walked_m: Largest distance (m) of the centre from there.
         front_votes: Detections that faced the same way, minus those that faced the other way.
@@ -113,6 +115,7 @@ class TrackStates(NamedTuple):
     score: Float64[np.ndarray, " m"]
     hits: Int64[np.ndarray, " m"]
     frames: Int64[np.ndarray, " m"]
+    missed_frames: Int64[np.ndarray, " m"]
     first_place: Float64[np.ndarray, "m 2"]
     walked_m: Float64[np.ndarray, " m"]
     front_votes: Float64[np.ndarray, " m"]
@@ -197,6 +200,7 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
         score=detections.scores.copy(),
         hits=np.ones(count, np.int64),
         frames=np.ones(count, np.int64),
+        missed_frames=np.zeros(count, np.int64),
         first_place=boxes[:, :2].copy(),
         walked_m=np.zeros(count),
         front_votes=np.ones(count),
@@ -263,6 +267,8 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         votes=votes,
         score=tracks.score + share * (detections.scores - tracks.score),
         hits=tracks.hits + 1,
+        frames=tracks.frames + count_frames(tracks.missed_frames + 1),
+        missed_frames=np.zeros(len(boxes), np.int64),
         walked_m=np.maximum(tracks.walked_m, np.hypot(away[:, 0], away[:, 1])),
         front_votes=tracks.front_votes + np.where(is_turned, -1.0, 1.0),
         doubts=doubts,

@@ -17,7 +17,7 @@ from toolkit.arrays import Bool, Int64
 from toolkit.boxes import iou_bev
 from toolkit.objects import Detections
 from toolkit.tracking.assignment import assign_detections, find_unlike
-from toolkit.tracking.face_doubts import combine_doubts
+from toolkit.tracking.face_doubts import combine_doubts, doubt_outer_faces
 from toolkit.tracking.false_tracks import find_doubles, is_flickering, weigh_tracks
 from toolkit.tracking.track_states import (
     MIN_HITS,
@@ -97,10 +97,12 @@ class Tracker:
                 f"frames must come in the order of time, got {time:g} s after {self._time:g} s"
             )
         measured = MeasuredRows.from_detections(detections)
+        if self._area is not None:
+            doubts = doubt_outer_faces(measured.boxes, measured.doubts, measured.labels, self._area)
+            measured = measured._replace(doubts=doubts)
         tracks = self._tracks
         if self._time is not None:
             tracks = predict_tracks(tracks, time - self._time)
-            tracks = tracks._replace(frames=tracks.frames + 1)
         self._time = time
         mine, theirs = assign_detections(tracks, measured, time)
         seen = correct_tracks(tracks.select(mine), measured.select(theirs), time)
@@ -113,7 +115,9 @@ class Tracker:
         is_kept[mine] = False
         unseen = tracks.select(is_kept)
         unseen = unseen.select(~_is_ghost(unseen, detected))
-        unseen = unseen._replace(detection=np.full(len(unseen.ids), -1))
+        unseen = unseen._replace(
+            detection=np.full(len(unseen.ids), -1), missed_frames=unseen.missed_frames + 1
+        )
         tracks = join_tracks(detected, unseen)
         self._tracks = tracks.select(np.argsort(tracks.ids))
         return TrackedDetections(detected.ids, detected.detection)

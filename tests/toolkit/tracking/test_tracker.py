@@ -6,6 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from toolkit.boxes import iou_3d
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
+from toolkit.tracking.smoothing import smooth_tracks
 from toolkit.tracking.tracker import Tracker
 from toolkit.tracking.tracks import Tracks
 
@@ -240,6 +241,77 @@ def test_a_standing_track_does_not_reach_for_what_appears_far_away():
     back = follow([*frames, seen(person, label=PEDESTRIAN)])
     assert back[-1].ids.tolist() == [0]
     assert back[-1].unseen[0] == 0
+
+
+def stand(steps, x, *, size=(0.6, 0.6, 1.7)):
+    """Boxes of somebody who stands."""
+    box = np.array([x, 0, size[2] / 2, *size, 0])
+    return np.tile(box, (steps, 1))
+
+
+def test_flickers_on_a_post_are_not_reported_and_who_waits_or_walks_is():
+    post = stand(60, x=0.0)
+    person = stand(60, x=5.0)
+    walker = drive(60, speed=1.4, yaw=0.0, start=(10.0, 0.0))
+    walker[:, 3:6] = person[0, 3:6]
+    frames = []
+    for k in range(60):
+        boxes = [person[k]]
+        if k % 2 == 0:
+            boxes += [post[k], walker[k]]
+        frames.append(seen(*boxes, label=PEDESTRIAN))
+    for tracks in (follow(frames), smooth_tracks(frames, 0.1 * np.arange(60))):
+        x = np.sort(tracks[50].boxes[:, 0])
+        assert x == pytest.approx([5.0, 17.0], abs=0.3)
+
+
+def test_of_two_tracks_of_one_person_the_stronger_is_reported():
+    person = drive(30, speed=1.4, yaw=0.0)
+    person[:, 3:6] = (0.6, 0.6, 1.7)
+    wide = person + np.array([0.2, 0, 0, 1.0, 0.2, 0, 0])
+    frames = []
+    for box, wide_box in zip(person, wide, strict=True):
+        walker = seen(box, label=PEDESTRIAN, score=0.9)
+        frames.append(Detections.merge([walker, seen(wide_box, label=CYCLIST, score=0.5)]))
+    for tracks in (follow(frames), smooth_tracks(frames, 0.1 * np.arange(30))):
+        assert tracks[20].labels.tolist() == [PEDESTRIAN]
+    apart = [frame[:1] for frame in frames]
+    other = person + np.array([0, 0.7, 0, 0, 0, 0, 0])
+    pairs = [
+        Detections.merge([frame, seen(box, label=PEDESTRIAN)])
+        for frame, box in zip(apart, other, strict=True)
+    ]
+    assert len(follow(pairs)[20]) == 2
+
+
+def test_a_child_in_the_place_of_a_hidden_adult_keeps_its_track():
+    adult = stand(1, x=0.0, size=(0.6, 0.6, 2.0))[0]
+    child = stand(1, x=0.5, size=(0.4, 0.4, 1.2))[0]
+    nearer = stand(1, x=0.2, size=(0.4, 0.4, 1.2))[0]
+    both = [seen(adult, child, label=PEDESTRIAN)] * 10
+    tracks = follow([*both, seen(nearer, label=PEDESTRIAN)])[-1]
+    assert tracks.ids[tracks.unseen == 0].tolist() == [1]
+    assert tracks.boxes[tracks.ids == 1, 5] == pytest.approx([1.2])
+
+
+def test_the_length_of_a_truck_at_the_border_counts_once_it_is_inside():
+    """A detector guesses what is outside the area, however sure it is."""
+    way = drive(60, speed=4.0, yaw=0.0, start=(-48.0, 0.0))
+    way[:, 3:6] = (10.0, 2.5, 3.5)
+    way[:, 2] = 1.75
+    way[:20, 0] = way[20, 0] - 0.4  # it waits first, with its middle outside
+    frames = []
+    for box in way:
+        rear = max(box[0] - 5.0, -42.0)
+        cut = box.copy()
+        cut[3] = box[0] + 5.0 - rear
+        cut[0] = rear + cut[3] / 2
+        frames.append(seen(cut, label=HEAVY, doubts=np.array([0.09, 0.09, 0.03, 0.03, 0.03])))
+    area = (-40.0, -20.0, 40.0, 20.0)
+    tracks = smooth_tracks(frames, 0.1 * np.arange(60), area)
+    assert tracks[10].boxes[0, 0] == pytest.approx(way[10, 0], abs=0.15)
+    live = follow(frames, Tracker(area))
+    assert live[-1].boxes[0, 3] == pytest.approx(10.0, abs=0.2)
 
 
 def test_flickers_that_nothing_confirms_do_not_wait_for_others():

@@ -9,7 +9,7 @@ import shapely
 from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import footprints
 from toolkit.datasets.simulation import Job
-from toolkit.objects import HEAVY, LABELS, PEDESTRIAN
+from toolkit.objects import LABELS, PEDESTRIAN
 from toolkit.sites.files import load_site
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site
