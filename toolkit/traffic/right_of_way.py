@@ -104,7 +104,7 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
             return poses
         row = conflict - course.first
         is_static = occupancy.is_obstructed(boxes[[row]]).any()
-        if is_static and _is_impassable_at(course, plan.progress[row], occupancy):
+        if is_static and _is_blocked_near(course, plan.progress[row], occupancy):
             if course.label != PEDESTRIAN:
                 return None
             detour = walk_round(course, occupancy, gap=GAPS_M[PEDESTRIAN][-1])
@@ -137,7 +137,7 @@ def is_impassable(course: Course, occupancy: Occupancy) -> bool:
     return _has_closed_row(course, np.arange(len(course.poses)), occupancy)
 
 
-def _is_impassable_at(course: Course, progress: float, occupancy: Occupancy) -> bool:
+def _is_blocked_near(course: Course, progress: float, occupancy: Occupancy) -> bool:
     """Return True if a course is impassable near one place.
 
     progress: row of its poses at which it is obstructed, which may be between two."""
