@@ -64,7 +64,8 @@ class Tracker:
             (`ErrorProfile.place_error`). No mean over frames removes it; it is in all doubts.
 
     A track is reported once its detections confirm it, or while the last one is sure. So it may be
-    known later than its first detection, but a detector's flickers are not reported.
+    known later than its first detection, but a detector's flickers are not reported, nor is the
+    weaker of two tracks of one person (`toolkit.tracking.false_tracks`).
     """
 
     def __init__(self, area: Sequence[float] | None = None, place_error: float = 0.0) -> None:
