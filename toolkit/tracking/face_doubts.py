@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
-from toolkit.objects import HEAVY, USUAL_DOUBTS_M, Detections
+from toolkit.objects import USUAL_DOUBTS_M, Detections
 
 # least error of a face by class of `LABELS`: bodies are no boxes, and people move arms and legs
 MIN_DOUBTS_M = np.array([0.005, 0.005, 0.02, 0.06])
@@ -20,7 +20,7 @@ IS_RIGID = np.array([True, False, False, True])  # by class; the others move arm
 LONGER_WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0])
 EXPECTILE_ROUNDS = 8
 MISFIT_HITS = 10.0  # detections that the usual misfit counts as
-# error of a face of a heavy vehicle that is guessed outside the area, by its distance from there
+# error of a vehicle's face that is guessed outside the area, by its distance from there
 OUTER_ERROR_SHARE = 0.25
 _SIZE_OF_FACE = [0, 0, 1, 1, 2]  # length, width or height
 
@@ -38,10 +38,10 @@ def doubt_outer_faces(
     labels: Int64[np.ndarray, " n"],
     area: Sequence[float],
 ) -> Float64[np.ndarray, "n 5"]:
-    """Doubts of the faces of detections, larger for heavy vehicles' faces outside the area.
+    """Doubts of the faces of detections, larger for vehicles' faces outside the area.
 
-    No point outside the area is looked at, so the detector has guessed these faces. Lengths of
-    other classes differ so little that it guesses well.
+    No point outside the area is looked at, so the detector has guessed these faces. People and
+    cyclists are short, so that it guesses theirs well.
 
     Args:
         boxes: Detections.
@@ -59,7 +59,7 @@ def doubt_outer_faces(
         outside_x = np.maximum(np.maximum(xmin - x, x - xmax), 0)
         outside_y = np.maximum(np.maximum(ymin - y, y - ymax), 0)
         error = OUTER_ERROR_SHARE * np.hypot(outside_x, outside_y)
-        outer[:, face] = np.hypot(doubts[:, face], np.where(labels == HEAVY, error, 0))
+        outer[:, face] = np.hypot(doubts[:, face], np.where(IS_RIGID[labels], error, 0))
     return outer
 
 
