@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from toolkit.runtime.allocation import keep_freed_memory
 from toolkit.runtime.sent_once import SentOnce
@@ -108,7 +108,30 @@ class ProcessPool:
         self._folder.cleanup()
 
 
-_kept: dict[int, ProcessPool] = {}  # pool that waits for a job, one at most, by its processes
+class _Surroundings(NamedTuple):
+    """What processes take over from this one when they start, and would do otherwise later.
+
+    Attributes:
+        workers: Number of processes.
+        folder: Working folder, empty if it is gone.
+        module_folders: `sys.path`.
+        environment: Variables of the environment."""
+
+    workers: int
+    folder: str
+    module_folders: tuple[str, ...]
+    environment: frozenset[tuple[str, str]]
+
+    @staticmethod
+    def find(workers: int) -> "_Surroundings":
+        """Surroundings of processes that start now."""
+        folder = ""
+        with suppress(FileNotFoundError):
+            folder = os.getcwd()
+        return _Surroundings(workers, folder, tuple(sys.path), frozenset(os.environ.items()))
+
+
+_kept: dict[_Surroundings, ProcessPool] = {}  # pool that waits for a job, one at most
 _lock = threading.Lock()
 
 
@@ -116,9 +139,11 @@ _lock = threading.Lock()
 def borrow_pool(job: Task, workers: int) -> Iterator[ProcessPool]:
     """Give the block processes with a job, which end immediately if the block raises.
 
-    The last ones are kept for `IDLE_S` seconds: a process takes seconds to begin."""
+    The last ones are kept for `IDLE_S` seconds, since a process takes seconds to begin. They are
+    used again if new ones would have the same surroundings."""
+    surroundings = _Surroundings.find(workers)
     with _lock:
-        pool = _kept.pop(workers, None)
+        pool = _kept.pop(surroundings, None)
     if pool is None:
         end_kept()
         pool = ProcessPool(workers)
@@ -132,7 +157,7 @@ def borrow_pool(job: Task, workers: int) -> Iterator[ProcessPool]:
         raise
     end_kept()
     with _lock:
-        _kept[workers] = pool
+        _kept[surroundings] = pool
     pool.idle = threading.Timer(IDLE_S, end_kept)
     pool.idle.daemon = True
     pool.idle.start()
@@ -140,7 +165,7 @@ def borrow_pool(job: Task, workers: int) -> Iterator[ProcessPool]:
 
 def is_waiting(workers: int) -> bool:
     """True if processes wait for a job, as many as `workers`."""
-    return workers in _kept
+    return _Surroundings.find(workers) in _kept
 
 
 def end_kept() -> None:

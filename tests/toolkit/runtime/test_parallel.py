@@ -91,25 +91,44 @@ def worker(_: int) -> int:
     return os.getpid()
 
 
+def list_processes(workers: int) -> list[int]:
+    """Ids of the processes that do as many jobs, one each."""
+    return list(spread(worker, range(workers), workers=workers, home=lambda x: x))
+
+
 def test_jobs_find_the_processes_of_the_last_one_waiting(limits):
-    limits(process_pool, IDLE_S=1.5)
-    first = list(spread(worker, range(8), workers=2))
+    first = list_processes(2)
     assert len(set(first)) == 2
     assert list(spread(square, [2], workers=2)) == [4]
-    second = list(spread(worker, range(8), workers=2))
-    assert set(second) == set(first)
-    assert len(set(spread(worker, range(8), workers=3)) - set(first)) == 3
+    assert list_processes(2) == first
+    limits(process_pool, IDLE_S=1.5)
+    last = list_processes(3)
+    assert len({*first, *last}) == 5
     assert all(ends(process) for process in first)  # only the last ones wait
-    last = set(spread(worker, range(8), workers=3))
     assert all(ends(process) for process in last)  # when nothing came for a while
-    os.kill(set(spread(worker, range(8), workers=2)).pop(), signal.SIGKILL)
-    assert len(list(spread(worker, range(8), workers=2))) == 8
+
+
+def test_a_killed_process_that_waited_is_replaced():
+    os.kill(list_processes(2)[0], signal.SIGKILL)
+    assert len(set(list_processes(2))) == 2
+
+
+@pytest.mark.parametrize("change", ["folder", "module folder", "environment"])
+def test_processes_with_other_surroundings_are_new(change, tmp_path, monkeypatch):
+    first = list_processes(2)
+    if change == "folder":
+        monkeypatch.chdir(tmp_path)
+    elif change == "module folder":
+        monkeypatch.syspath_prepend(tmp_path)
+    else:
+        monkeypatch.setenv("COVIEW_TEST", "1")
+    assert not set(list_processes(2)) & set(first)
 
 
 def test_processes_wait_after_a_caller_that_took_the_last_result_only():
-    results = spread(worker, range(4), workers=2)
-    first = {next(results) for _ in range(4)}
-    assert set(spread(worker, range(8), workers=2)) == first
+    results = spread(worker, range(2), workers=2, home=lambda x: x)
+    first = [next(results), next(results)]
+    assert list_processes(2) == first
     assert list(results) == []
 
 
@@ -117,8 +136,8 @@ def test_quick_work_starts_no_processes():
     run = Processes(workers=2)
     process_pool.end_kept()
     assert set(run.map(worker, range(3), is_quick=True)) == {os.getpid()}
-    started = set(run.map(worker, range(8)))
-    assert set(run.map(worker, range(8), is_quick=True)) == started
+    started = list_processes(2)
+    assert set(run.map(worker, range(8), is_quick=True)) <= set(started)
 
 
 def test_inputs_with_the_same_home_are_of_one_process():
