@@ -11,7 +11,7 @@ from coview.main import run as run_line
 from placement_env import LivePlanner
 from toolkit.display import format_share
 
-COMMON = ("--frames", 8, "--cache", "None")
+COMMON = ("--frames", 4, "--cache", "None")
 
 
 def test_before_and_after_of_a_site(run):
