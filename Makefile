@@ -65,8 +65,9 @@ lint: .venv/all
 docs: .venv/all
 	$(BIN)/python -m sphinx -W --keep-going -E -q -b html docs out/docs
 
+# The tests' own processes begin with compiled modules, also where the environment wants none.
 test: lint docs
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 # Rays as another processor casts them: see tests/jittered_rays. NumPy and torch are held to AVX2 as well.
 test-avx2: .venv/all
