@@ -15,6 +15,9 @@ AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TORCH_CPU := $(shell sed -n 's/^torch==//p' constraints.txt)+cpu
 TORCH_INDEX :=
 
+# lint and docs run at the same time
+MAKEFLAGS += --jobs=2
+
 .PHONY: setup demo test test-avx2 test-all bench lint docs
 setup: .venv/all
 
