@@ -39,7 +39,7 @@ COUNT = 10
 
 def beams():
     elevations = np.deg2rad(np.linspace(-32, 2, 32))
-    azimuths = np.deg2rad(np.arange(0, 360, 0.7))
+    azimuths = np.deg2rad(np.arange(0, 360, 1.0))
     elevation, azimuth = np.meshgrid(elevations, azimuths, indexing="ij")
     level = np.cos(elevation)
     return np.stack(
