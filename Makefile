@@ -15,7 +15,10 @@ AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TORCH_CPU := $(shell sed -n 's/^torch==//p' constraints.txt)+cpu
 TORCH_INDEX :=
 
-.PHONY: setup demo test test-avx2 test-all bench lint docs
+# what a target needs, such as lint and docs, is done two at a time
+MAKEFLAGS += --jobs=2
+
+.PHONY: setup demo test test-avx2 test-all bench lint docs compiled
 setup: .venv/all
 
 .venv/bin/python:
@@ -65,8 +68,12 @@ lint: .venv/all
 docs: .venv/all
 	$(BIN)/python -m sphinx -W --keep-going -E -q -b html docs out/docs
 
-test: lint docs
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+# Tests are compiled here once, not by each worker again; whatever is wrong in them, pytest tells below.
+compiled: .venv/all
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --collect-only -q >/dev/null 2>&1 || true
+
+test: lint docs compiled
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 # Rays as another processor casts them: see tests/jittered_rays. NumPy and torch are held to AVX2 as well.
 test-avx2: .venv/all

@@ -1,12 +1,15 @@
 """What tests of every folder share: smaller limits, noted calls, errors of functions, missing
 packages, variables of the environment, a folder to work in, the browser that pages are opened in, a
-Ray cluster of two nodes, and hypothesis without a clock."""
+Ray cluster of two nodes, syntax trees of the packages, and hypothesis without a clock."""
 
+import ast
+import gc
 import importlib
 import os
 import shutil
 import sys
 from collections import Counter
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
@@ -19,6 +22,8 @@ settings.load_profile("any machine")
 # figures in tests are those of exact numbers, whatever the processor is quickest with
 os.environ.setdefault("COVIEW_NUMBERS", "float32")
 
+ROOT = Path(__file__).parents[1]
+FLOORS = ("toolkit", "models", "placement_env", "coview")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
@@ -36,6 +41,23 @@ def pytest_collection_modifyitems(items):
         if cases[name] % n:
             item.add_marker(pytest.mark.slow)
         cases[name] += 1
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Search for garbage only after collection, and never again among the modules and tests."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.collect()
+        gc.freeze()
+
+
+def pytest_unconfigure():
+    """Let libraries tidy up at the end."""
+    gc.unfreeze()
 
 
 @pytest.fixture
@@ -157,6 +179,16 @@ def bfloat16_library(monkeypatch):
         monkeypatch.setattr("models.detector.find_bfloat16_library", lambda device: name)
 
     return set_library
+
+
+@pytest.fixture(scope="session")
+def floor_trees():
+    """Syntax trees of the files of each floor, by path from the root of the project."""
+    paths = {floor: sorted((ROOT / floor).rglob("*.py")) for floor in FLOORS}
+    return {
+        floor: {path.relative_to(ROOT): ast.parse(path.read_text("utf-8")) for path in files}
+        for floor, files in paths.items()
+    }
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ a name."""
 import ast
 import re
 from collections import defaultdict
-from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -45,7 +44,7 @@ def module_of(path):
 MODULES = {module_of(path): path for path in SOURCES}
 
 
-def imports(path):
+def imports(path, tree):
     """The modules of ours that a file imports when it runs, inside functions too; not those for
     types alone."""
 
@@ -62,18 +61,24 @@ def imports(path):
                     yield inner if inner in MODULES else str(child.module)
             yield from walk(child)
 
-    return {name for name in walk(ast.parse((ROOT / path).read_text())) if name in MODULES}
+    return {name for name in walk(tree) if name in MODULES}
 
 
-@cache
-def import_graph():
+@pytest.fixture(scope="module")
+def trees(floor_trees):
+    """Syntax trees of all files."""
+    return {path: tree for files in floor_trees.values() for path, tree in files.items()}
+
+
+@pytest.fixture(scope="module")
+def import_graph(trees):
     """Modules of ours that each module imports."""
-    return {name: imports(path) - {name} for name, path in MODULES.items()}
+    return {name: imports(path, trees[path]) - {name} for name, path in MODULES.items()}
 
 
-def test_no_cycle_of_imports_and_no_face_below():
+def test_no_cycle_of_imports_and_no_face_below(import_graph, trees):
     try:
-        TopologicalSorter(import_graph()).prepare()
+        TopologicalSorter(import_graph).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(reversed(error.args[1])))
     # A face reaches everything, so that who imports one depends on everything: contracts and cache
@@ -81,21 +86,19 @@ def test_no_cycle_of_imports_and_no_face_below():
     # sight.
     assert {
         (name, face)
-        for name, others in import_graph().items()
+        for name, others in import_graph.items()
         for face in FLOORS[:3]
         if face in others
     } == set()
-    assert set(folder_cycles()) <= KNOWN_CYCLES
-    assert [
-        path for path in SOURCES if not ast.get_docstring(ast.parse((ROOT / path).read_text()))
-    ] == []
+    assert set(folder_cycles(import_graph)) <= KNOWN_CYCLES
+    assert [path for path, tree in trees.items() if not ast.get_docstring(tree)] == []
 
 
-def folder_cycles():
+def folder_cycles(import_graph):
     """Pairs of neighbours in a folder, files or subfolders as a whole, that import each other."""
     for folder in {parent for path in SOURCES for parent in path.parents if parent.name}:
         depth, graph = len(folder.parts), defaultdict(set)
-        for name, others in import_graph().items():
+        for name, others in import_graph.items():
             here = MODULES[name].parts
             if here[:depth] == folder.parts and here[depth] != "__init__.py":
                 graph[here[depth]] |= {
@@ -112,9 +115,9 @@ def folder_cycles():
 KNOWN_CYCLES = {"toolkit/datasets: dataset.py <-> layouts"}
 
 
-def public_names(path):
+def public_names(tree):
     """Functions, classes and constants that a file defines for others."""
-    for node in ast.parse((ROOT / path).read_text()).body:
+    for node in tree.body:
         targets = {
             ast.FunctionDef: lambda n: [n],
             ast.ClassDef: lambda n: [n],
@@ -131,18 +134,17 @@ def public_names(path):
 
 
 @pytest.mark.parametrize("floor", FLOORS)
-def test_a_public_name_is_defined_once_in_a_floor(floor):
+def test_a_public_name_is_defined_once_in_a_floor(floor, floor_trees):
     defined = defaultdict(set)
-    for path in SOURCES:
-        if path.parts[0] == floor:
-            for name in public_names(path):
-                defined[name].add(path)
+    for path, tree in floor_trees[floor].items():
+        for name in public_names(tree):
+            defined[name].add(path)
     assert {name for name, paths in defined.items() if len(paths) > 1} - PROTOCOLS == set()
 
 
-def names_given(path):
+def names_given(tree):
     """What functions, classes, arguments, variables and fields of a file are called."""
-    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+    for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node.name
         elif isinstance(node, ast.arg):
@@ -153,14 +155,14 @@ def names_given(path):
             yield node.attr
 
 
-def test_names_are_in_the_words_of_the_field():
+def test_names_are_in_the_words_of_the_field(trees):
     words = {
         path.as_posix(): {
             word.lower()
-            for name in names_given(path)
+            for name in names_given(tree)
             for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)
         }
-        for path in SOURCES
+        for path, tree in trees.items()
         if path.parts[0] != "coview"
     }
     assert {path for path, spoken in words.items() if spoken & HOUSE_WORDS} == set()

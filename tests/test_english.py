@@ -6,7 +6,6 @@ The numbers allowed are those of today and only shrink: lower them when you rewr
 
 import ast
 import re
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -55,17 +54,11 @@ MAX_RATES = {
 }
 
 
-@cache
-def trees(floor):
-    """Syntax trees of a floor's files, by path; each test reads them again."""
-    return [(path, ast.parse(path.read_text())) for path in sorted((ROOT / floor).rglob("*.py"))]
-
-
-def functions(floor):
+def functions(trees):
     """Functions of a floor, but for those that Python calls."""
     found = [
         (path, node)
-        for path, tree in trees(floor)
+        for path, tree in trees.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef)
     ]
@@ -73,15 +66,15 @@ def functions(floor):
 
 
 def named(path, node):
-    return f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+    return f"{path}:{node.lineno} {node.name}"
 
 
 @pytest.mark.parametrize("floor", FLOORS)
-def test_docstrings_open_with_a_verb_or_a_noun(floor):
+def test_docstrings_open_with_a_verb_or_a_noun(floor, floor_trees):
     kinds = ast.FunctionDef | ast.ClassDef | ast.Module
     said = [
-        f"{path.relative_to(ROOT)}: {text.splitlines()[0]}"
-        for path, tree in trees(floor)
+        f"{path}: {text.splitlines()[0]}"
+        for path, tree in floor_trees[floor].items()
         for node in ast.walk(tree)
         if isinstance(node, kinds) and (text := ast.get_docstring(node)) and CLAUSE.match(text)
     ]
@@ -89,8 +82,9 @@ def test_docstrings_open_with_a_verb_or_a_noun(floor):
 
 
 @pytest.mark.parametrize("floor", FLOORS)
-def test_functions_are_not_called_by_a_participle(floor):
-    words = [(place, place[1].name.strip("_").split("_")[0]) for place in functions(floor)]
+def test_functions_are_not_called_by_a_participle(floor, floor_trees):
+    places = functions(floor_trees[floor])
+    words = [(place, place[1].name.strip("_").split("_")[0]) for place in places]
     said = [
         named(*place)
         for place, word in words
@@ -100,8 +94,9 @@ def test_functions_are_not_called_by_a_participle(floor):
 
 
 @pytest.mark.parametrize("floor", FLOORS)
-def test_functions_do_not_end_in_a_preposition(floor):
-    said = [named(path, node) for path, node in functions(floor) if PREPOSITION.search(node.name)]
+def test_functions_do_not_end_in_a_preposition(floor, floor_trees):
+    places = functions(floor_trees[floor])
+    said = [named(path, node) for path, node in places if PREPOSITION.search(node.name)]
     assert len(said) <= ALLOWED_PREPOSITIONS[floor], said
 
 
@@ -126,26 +121,25 @@ def error_text(node):
     return " ".join(part.value for part in strings if isinstance(part.value, str))
 
 
-def prose():
+def prose(floor_trees):
     """Docstrings, comments, errors and pages of the whole house."""
     documented = ast.FunctionDef | ast.ClassDef | ast.Module
-    for floor in FLOORS:
-        for path, tree in trees(floor):
+    for trees in floor_trees.values():
+        for path, tree in trees.items():
             for node in ast.walk(tree):
                 if isinstance(node, documented):
                     yield ast.get_docstring(node) or ""
                 elif isinstance(node, ast.Raise) and node.exc is not None:
                     yield error_text(node)
-            yield from re.findall(
-                r"(?:^|\s)#\s(.*)", path.read_text(encoding="utf-8"), re.MULTILINE
-            )
+            text = (ROOT / path).read_text(encoding="utf-8")
+            yield from re.findall(r"(?:^|\s)#\s(.*)", text, re.MULTILINE)
     for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
         yield path.read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def house_prose():
-    return list(prose())
+def house_prose(floor_trees):
+    return list(prose(floor_trees))
 
 
 @pytest.mark.parametrize("mark", MAX_RATES)

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-FLOORS = ("toolkit", "models", "placement_env", "coview")
 COMPREHENSIONS = (ast.ListComp, ast.GeneratorExp, ast.DictComp, ast.SetComp)
 COORDINATES = frozenset("xyzuvwijkabc") | {"xmin", "ymin", "xmax", "ymax"}
 CEILINGS = {
@@ -47,28 +45,27 @@ def list_unreached(node: ast.AST) -> list[ast.stmt]:
     return unreached
 
 
-def find_dense_lines() -> Iterator[tuple[str, str]]:
-    """Kind and place of every statement that takes more than one breath."""
-    for floor in FLOORS:
-        for path in sorted((ROOT / floor).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text())):
-                place = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}"
-                if isinstance(node, COMPREHENSIONS) and contains(node, COMPREHENSIONS):
-                    yield "comprehension in a comprehension", place
-                if isinstance(node, ast.Assign) and binds_many(node):
-                    yield "three names bound at once", place
-                if isinstance(node, ast.IfExp) and contains(node, (ast.IfExp,)):
-                    yield "conditional expression in another", place
-                for statement in list_unreached(node):
-                    yield (
-                        "statement that is never reached",
-                        f"{path.relative_to(ROOT)}:{statement.lineno}",
-                    )
+def find_dense_nodes(tree: ast.Module) -> Iterator[tuple[str, ast.AST]]:
+    """Kind and node of every statement of a file that takes more than one breath."""
+    for node in ast.walk(tree):
+        if isinstance(node, COMPREHENSIONS) and contains(node, COMPREHENSIONS):
+            yield "comprehension in a comprehension", node
+        elif isinstance(node, ast.Assign) and binds_many(node):
+            yield "three names bound at once", node
+        elif isinstance(node, ast.IfExp) and contains(node, (ast.IfExp,)):
+            yield "conditional expression in another", node
+        for statement in list_unreached(node):
+            yield "statement that is never reached", statement
 
 
 @pytest.fixture(scope="module")
-def dense_lines() -> list[tuple[str, str]]:
-    return list(find_dense_lines())
+def dense_lines(floor_trees: dict[str, dict[Path, ast.Module]]) -> list[tuple[str, str]]:
+    return [
+        (kind, f"{path}:{node.lineno}")  # type: ignore[attr-defined]
+        for trees in floor_trees.values()
+        for path, tree in trees.items()
+        for kind, node in find_dense_nodes(tree)
+    ]
 
 
 @pytest.mark.parametrize("kind", CEILINGS)

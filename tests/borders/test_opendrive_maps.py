@@ -123,6 +123,7 @@ def imported(tmp_path: Path):
 # Frames: 1.8, 8.4 and 8.5
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(("minor", "heading"), [(4, 0.0), (6, 0.5), (8, -np.pi / 2)])
 def test_offset_of_the_header_leads_to_the_projection(imported, minor, heading):
     """A point is turned by hdg, then moved by x and y (1.8, 8.5). pyproj is the oracle."""
@@ -189,6 +190,7 @@ def test_a_missing_grid_of_shifts_leaves_metres(imported):
     assert len(read_lanes(site)) == 2
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("reference", "reason"),
     [
@@ -209,6 +211,7 @@ FEET_UTM = "+proj=lcc +lat_0=36.5 +lon_0=-120.5 +lat_1=38.43 +lat_2=37.07 +x_0=2
 FEET_UTM += " +datum=NAD83 +units=us-ft +no_defs"
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("reference", [FEET_UTM, "EPSG:2048", "EPSG:2154"])
 def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
     """Also on a map with an offset, whose coordinates are as small as degrees; in feet, or with
@@ -224,6 +227,7 @@ def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
         imported(street(start=(-150.0, 300.0)), header, centre=(longitude, latitude))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "reference", ["+init=epsg:25833", "proj=utm zone=33 ellps=GRS80", "ESRI:102092"]
 )
@@ -257,6 +261,7 @@ def test_names_of_files_are_free(imported):
 # Sides of the road: 1.8, 10.1 and 11.4
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("rule", "direction"), [("", 1), ('rule="RHT"', 1), ('rule="LHT"', -1)])
 def test_traffic_keeps_to_the_side_of_the_map(imported, rule, direction):
     site, _ = imported(street(attributes=rule))
@@ -303,6 +308,7 @@ def test_a_road_that_keeps_to_the_other_side_than_most(imported):
 AGAINST = 'direction="reversed"'
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("rule", ["RHT", "LHT"])
 def test_lanes_against_the_direction_of_their_side(imported, rule):
     """1.8, 11.4: standard, reversed and both."""
@@ -631,6 +637,7 @@ def test_lanes_in_any_order(imported):
         assert find_lane(site, y)[0] == users
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("shape", "radius"),
     [
@@ -653,6 +660,7 @@ def test_arcs_and_spirals_at_their_limits(imported, shape, radius):
         assert np.hypot(*(line[-1] - line[0])) > 95
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(
     ("geometry", "links"),
@@ -704,6 +712,7 @@ def test_a_connection_joins_its_roads(imported, geometry, links, sign):
 # Heights: 1.8, 10.5 to 10.7
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("x", [0.0, -540.0])
 def test_a_long_road_on_a_slope_has_the_height_of_its_piece(imported, x):
     road = street(start=(-600.0, 0.0), length=1200.0, inside=rising(0.012))
@@ -742,6 +751,7 @@ def test_superelevation_tilts_the_site(imported):
     )
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     "text",
     [
@@ -822,6 +832,7 @@ def test_objects_beyond_their_road_are_left_out(imported):
     assert max(ends) <= 15.0 + 0.1
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_direct_junction_joins_its_roads(imported, sign):
     """1.7, 10.7: an exit of a two-lane carriageway, and the other direction through the same
@@ -984,6 +995,7 @@ def list_lines(site):
     return [nets.parse_shape(element) for element in lanes]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(("sign", "rule"), [(-1, "RHT"), (1, "LHT"), (1, "RHT")])
 def test_a_lane_that_opens_moves_those_outside_it(imported, sign, rule):
     """Lane 1 opens from 0 to 3.5 m between s = 120 and 180; lane 2 goes through outside it
@@ -1034,6 +1046,7 @@ def test_a_lane_too_narrow_to_drive_on_is_closed(imported):
     assert not any("authority" in allowed for allowed in users)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("rule", ["RHT", "LHT"])
 def test_pieces_of_a_road_do_not_overlap(imported, rule):
     """A lane opens outside, while all lanes move aside (eclipse-sumo/sumo#6184: splits of narrow

@@ -198,6 +198,7 @@ def test_remedies_name_what_was_found(tmp_path: Path):
     )
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", ["a,b.osm", "Straße;5 (neu).osm", "信号 灯.osm", "-x=y.osm"])
 def test_a_file_may_have_any_name(tmp_path: Path, name):
     """netconvert's options part lists of files at commas."""

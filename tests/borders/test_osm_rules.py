@@ -379,6 +379,7 @@ def test_a_bollard_parts_a_street(tmp_path: Path):
     assert not notes
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("centre", "tags", "options", "is_left"),
     [
@@ -727,6 +728,7 @@ def test_footways_are_on_their_side_of_the_way(tmp_path: Path, oneway, tagged):
         assert (nets.parse_shape(lane)[0, 1] > driven) == (tagged == "left")
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("tags", "sides"),
     [

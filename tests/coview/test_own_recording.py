@@ -182,6 +182,7 @@ LIDAR_AREA = (
 )
 
 
+@pytest.mark.slow
 def test_schemes_on_lidars_that_are_put_right(lidars, tmp_path, run):
     arguments = ("evaluate", lidars, *LIDAR_AREA, "--schemes", "early", "foreground", "--rate", 10)
     code, said, err = run(
@@ -220,6 +221,7 @@ def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
     )
 
 
+@pytest.mark.slow
 def test_lidars_are_scored_alone_and_by_clusters(lidars, tmp_path, run):
     alone = tmp_path / "alone"
     samples = []

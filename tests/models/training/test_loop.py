@@ -1,6 +1,7 @@
 """The loop: killed and gone on with it ends with the same weights; it learns; another run's folder
 is refused."""
 
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -303,6 +304,15 @@ def test_what_is_no_checkpoint_is_told_in_one_line(packed_file, tmp_path, state)
     assert "\n" not in str(told.value)
 
 
+@pytest.fixture(scope="module")
+def short_training(packed_file, tmp_path_factory):
+    """Network, settings and folder of a training that is over."""
+    config, settings = presets.make_config(AREA, "fast"), replace(FAST, epochs=0.1)
+    folder = tmp_path_factory.mktemp("short")
+    loop.train(packed_file, config, settings, folder)
+    return config, settings, folder
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -311,13 +321,12 @@ def test_what_is_no_checkpoint_is_told_in_one_line(packed_file, tmp_path, state)
         ("recent", ["a"]),
     ],
 )
-def test_a_checkpoint_of_odd_values_is_told_in_one_line(packed_file, tmp_path, name, value):
-    config, settings, path = (
-        presets.make_config(AREA, "fast"),
-        replace(FAST, epochs=0.1),
-        tmp_path / loop.CHECKPOINT,
-    )
-    loop.train(packed_file, config, settings, tmp_path)
+def test_a_checkpoint_of_odd_values_is_told_in_one_line(
+    packed_file, short_training, tmp_path, name, value
+):
+    config, settings, folder = short_training
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    path = tmp_path / loop.CHECKPOINT
     save_atomically(path, {**read_checkpoint(path), name: value})
     with pytest.raises(
         ValueError, match=r"checkpoint.pt is not a checkpoint of this training .*: remove it"

@@ -26,6 +26,7 @@ def objective(fidelity: FidelityName) -> Objective:
     return Objective(Setting("tjunction", fidelity=fidelity), Run(frames=2))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("fidelity", SCORED_BY)
 @pytest.mark.parametrize("name", CHOOSING)
 @pytest.mark.filterwarnings("error")

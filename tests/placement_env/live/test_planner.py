@@ -14,7 +14,7 @@ from placement_env.live.suggestions import Suggestion
 from placement_env.live.variant import Variant, free_name
 from placement_env.setting import Setting
 
-FRAMES = 16
+FRAMES = 8
 
 
 @pytest.fixture(scope="module")

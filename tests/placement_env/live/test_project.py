@@ -29,7 +29,7 @@ from toolkit.sites.files import load_site
 
 @pytest.fixture(scope="module")
 def made():
-    return LivePlanner("tjunction", frames=8)
+    return LivePlanner("tjunction", frames=4)
 
 
 @pytest.fixture
@@ -189,7 +189,7 @@ import sys, time
 from pathlib import Path
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
-planner = LivePlanner("tjunction", frames=8)
+planner = LivePlanner("tjunction", frames=4)
 project = ProjectFile(Path(sys.argv[1]), planner)
 planner.ask(classes=("cyclist", "pedestrian"), scheme="late", most_price=4)
 print(planner.answer().ap, flush=True)
@@ -205,7 +205,7 @@ def test_a_killed_process_leaves_the_question_that_was_asked(path):
     ap = float(process.stdout.readline())
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    again = LivePlanner("tjunction", frames=8)
+    again = LivePlanner("tjunction", frames=4)
     ProjectFile(path, again).close()
     assert again.question == {
         "classes": ["cyclist", "pedestrian"],
@@ -227,7 +227,7 @@ def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
         "plan.geojson",
     ]
     found = load_site(site)
-    again = LivePlanner(Setting(found, candidates="pool"), frames=8)
+    again = LivePlanner(Setting(found, candidates="pool"), frames=4)
     assert again.finish().ap == pytest.approx(answer.ap, abs=0.005)
     assert [sensor.mount for sensor in again.sensors] == [
         sensor.mount for sensor in planner.sensors
@@ -238,7 +238,7 @@ def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
 
 
 def test_the_question_is_kept(path):
-    planner = LivePlanner("tjunction", frames=8)
+    planner = LivePlanner("tjunction", frames=4)
     project = ProjectFile(path, planner)
     asked = planner.ask(
         classes=("cyclist", "pedestrian"), cases=Cases(errors="glare"), scheme="late", most_price=4
@@ -247,7 +247,7 @@ def test_the_question_is_kept(path):
         planner.ask(cases=Cases(iou="0.5:0.95"))
     planner.lay(GroundPicture("plan.png", "picture-0123456789ab.jpg", 800, 600, 1.0, 2.0, 0.1, 0.5))
     project.close()
-    again = LivePlanner("tjunction", frames=8)
+    again = LivePlanner("tjunction", frames=4)
     ProjectFile(path, again).close()
     assert again.picture == planner.picture
     assert again.question == planner.question

@@ -94,6 +94,7 @@ def test_objectives_and_mounts_must_allow_moving(make):
         cmaes.search(make(4, 1), 2)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("fidelity", ["coverage", "surrogate"])
 def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
     objective = Objective(Setting("tjunction", fidelity=fidelity), Run(frames=2))

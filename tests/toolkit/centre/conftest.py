@@ -2,7 +2,7 @@
 
 import socket
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.place import Place
+from toolkit.calibration.place import Place, Stand
 from toolkit.calibration.recording_scenes import LearntScene
 from toolkit.centre.detection_pool import Detection, DetectionPool
 from toolkit.centre.pace import PaceEvent
@@ -20,10 +20,12 @@ from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentr
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
 from toolkit.centre.synchroniser import Synchroniser
+from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import Detections
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
 
 INTERVAL_S = 0.1
 MODEL = DepthCamera(width=80, height=60, stride=1)
@@ -33,6 +35,18 @@ SENSORS = {
 }
 EMPTY = np.full(MODEL.shape, 20.0, np.float32)
 EMPTY[:10] = 0  # sky
+
+
+class LevelPlace(Place):
+    """Place whose ground is known to be level, so that no frame's ground is looked for."""
+
+    def stands(
+        self, frames: Iterable[Frame], site: Site | None = None
+    ) -> Iterator[tuple[Frame, Stand]]:
+        half_x, half_y = self.half
+        area = np.array([-half_x, -half_y, half_x, half_y])
+        for frame in frames:
+            yield frame, Stand(area, self.find_middle(frame))
 
 
 class ManualClock:
@@ -159,7 +173,7 @@ class Run:
         }
         self.written: list[float] = []
         self.synchroniser = Synchroniser(INTERVAL_S, patience_s)
-        place = Place("none", area=(-20.0, -20.0, 20.0, 20.0))
+        place = LevelPlace("none", area=(-20.0, -20.0, 20.0, 20.0))
         settings = Detection(detector, place, deadline_s=deadline_s, **detection)
         self.centre = RunningCentre(
             SENSORS,

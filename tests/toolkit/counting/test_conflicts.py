@@ -54,6 +54,16 @@ def test_a_long_pet_counts_up_to_the_limit():
     assert find_conflicts(users, np.array([5.0, 5.0, 9.0, 9.0])) == []
 
 
+def test_a_conflict_on_the_edge_of_the_area_counts():
+    users = join(
+        straight(1, VEHICLE, (-30, 0), (10, 0)), straight(2, VEHICLE, (0, -30), (0, 10), delay=1.0)
+    )
+    (conflict,) = find_conflicts(users)
+    x, y = conflict.x, conflict.y
+    for corner in ((x - 5, y - 5, x, y), (x, y, x + 5, y + 5)):
+        assert find_conflicts(users, np.array(corner)) == [conflict]
+
+
 def test_who_is_seen_for_a_moment_is_in_no_conflict():
     car = straight(1, VEHICLE, (-30, 0), (10, 0))
     seen = {}

@@ -60,7 +60,7 @@ def healthy_file() -> bytes:
     return encode(Header(SITE, SENSORS), scenes)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def healthy():
     return healthy_file()
 

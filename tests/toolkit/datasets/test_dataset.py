@@ -30,7 +30,19 @@ SMALL = Sensor(
 LIDAR = Sensor("a lidar", SpinningLidar(channels=8, azimuth_step=0.1), pose(1.0, 2.0, 5.0, yaw=1.0))
 
 
+DEPTHS: dict[tuple[str, bytes, bytes], np.ndarray] = {}
+
+
 def box_depths(sensor: Sensor, boxes: np.ndarray) -> np.ndarray:
+    """Measurement of every ray, cast once for all tests."""
+    key = (repr(sensor.model), sensor.pose.tobytes(), boxes.tobytes())
+    if key not in DEPTHS:
+        DEPTHS[key] = cast_rays(sensor, boxes)
+        DEPTHS[key].setflags(write=False)
+    return DEPTHS[key]
+
+
+def cast_rays(sensor: Sensor, boxes: np.ndarray) -> np.ndarray:
     """Measurement of every ray against upright boxes and the ground z = 0, by the slab method; 0
     for none."""
     rays = sensor.model.rays().reshape(-1, 3).astype(np.float64)

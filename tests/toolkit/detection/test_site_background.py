@@ -23,7 +23,7 @@ from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
 
 
-@pytest.fixture(scope="module", params=[3, 5])
+@pytest.fixture(scope="module", params=[3, pytest.param(5, marks=pytest.mark.slow)])
 def place(request):
     """A site, what sensors measure there in two frames, and its background."""
     site = random_site(request.param)

@@ -479,6 +479,7 @@ def test_clocks_outside_their_range_are_refused(time_s, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.filterwarnings("ignore:.*which a killed run left")
 @pytest.mark.parametrize("name", READERS)
 def test_a_kill_leaves_nothing_under_the_name(name, tmp_path):

@@ -102,6 +102,7 @@ def test_maps_point_north_and_have_a_scale():
     ]
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("count", [1, 4, 30])
 def test_a_long_legend_lies_below_the_map(count):
     handle, _ = ground_entries(SITE)[0]

@@ -84,6 +84,7 @@ def test_bays_at_an_angle_head_for_the_kerb(
     assert np.cos(site.parking[:, 2]) == pytest.approx(along, abs=1e-3)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("lefthand", [False, True])
 def test_a_one_way_street_has_parking_on_both_sides(tmp_path, imported, east_west, lefthand):
     draft = east_west(

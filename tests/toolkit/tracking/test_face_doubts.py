@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import expectile
 
-from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.tracking.face_doubts import (
     LONGER_WEIGHTS,
     USUAL_MISFIT,
@@ -53,8 +53,9 @@ def test_doubts_grow_to_what_explains_the_scatter_and_never_shrink(scatter):
     misfit = find_misfit(errors, weigh_sizes(doubts), VEHICLE)[None]
     factor = max(1.0, scatter)
     assert find_inflation(misfit)[0] == pytest.approx([factor] * 3, rel=0.05)
-    of_person = find_misfit(errors, weigh_sizes(doubts), PEDESTRIAN)  # whose sizes may scatter
-    assert find_inflation(of_person[None])[0] == pytest.approx([1.0] * 3)
+    for label in (PEDESTRIAN, CYCLIST):  # whose sizes may scatter
+        of_person = find_misfit(errors, weigh_sizes(doubts), label)
+        assert find_inflation(of_person[None])[0] == pytest.approx([1.0] * 3)
     assert inflate_doubts(doubts[:1], misfit) == pytest.approx(factor * doubts[:1], rel=0.05)
 
 

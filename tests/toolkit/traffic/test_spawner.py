@@ -162,6 +162,13 @@ def test_vehicles_begin_on_lanes_within_reach():
     assert len(places.lanes) == len(places.offsets) == len(places.lengths)
 
 
+def test_a_lane_along_the_area_counts_if_it_comes_nearer_by_centimetres():
+    nearer = lane("nearer_0", (-8, 15), (8, 14.5))
+    farther = lane("farther_0", (8, 14.5), (-8, 15))
+    places = Roads({"nearer_0": nearer, "farther_0": farther}).places(AREA, 20.0, "passenger")
+    assert places.lanes == ("nearer_0",) * 8
+
+
 def test_pedestrians_begin_on_footways():
     places = ROADS.places(AREA, 20.0, "pedestrian")
     assert set(places.lanes) == {"foot_0"}

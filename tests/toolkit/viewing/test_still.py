@@ -58,6 +58,7 @@ def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
     assert 1.3 < columns / rows < 1.8
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("colouring", COLOURINGS)
 def test_points_are_coloured_as_asked(drawn, tmp_path, colouring):
     write_still(drawn, tmp_path / "a.svg", colouring=colouring, sensors=("north", "south"))

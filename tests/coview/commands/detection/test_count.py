@@ -96,11 +96,12 @@ def test_tracks_may_leave_out_frames_without_road_users_and_must_be_of_the_recor
 def test_conflicts_of_a_site_and_of_a_recording(street, tmp_path, run):
     table = tmp_path / "conflicts.csv"
     code, said, _ = run(
-        *("conflicts", "roundabout", "--hours", "0.05", "--max-pet", "3"),
+        *("conflicts", "roundabout", "--hours", "0.03", "--max-pet", "3"),
         *("--out", table, "--json"),
     )
     assert code == 0
     conflicts = json.loads(said)["conflicts"]
+    assert conflicts
     assert all(row["pet_s"] <= 3 for row in conflicts)
     with table.open(newline="") as file:
         assert len(list(csv.DictReader(file))) == len(conflicts)

@@ -18,6 +18,7 @@ def street(tmp_path_factory):
     return path
 
 
+@pytest.mark.one_in(2)
 @needs_sumo
 @pytest.mark.parametrize("mode", [(), ("--offline",)])
 def test_standing_and_moving_cars_keep_their_numbers(street, tmp_path, run, mode):

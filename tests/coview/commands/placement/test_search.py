@@ -56,6 +56,7 @@ def test_sensors_are_verified_with_the_errors_of_a_profile(tmp_path, run):
     assert result["verified"]["provenance"]["errors"]["profile"] == "typical"
 
 
+@pytest.mark.slow
 def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, work_in, run):
     pytest.importorskip("cma")
     work_in(tmp_path)

@@ -75,6 +75,7 @@ def test_pictures_that_cannot_be_drawn_are_refused(clouds, tmp_path, refused):
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("detector", ["tjunction", "voxelnet"])
 def test_a_detector_of_one_site_sees_recordings_of_that_site(recording, tmp_path, run, detector):
     out = tmp_path / "a.png"

@@ -155,6 +155,7 @@ def test_the_same_bytes_again_without_the_detector(made, table):
     assert files(out) == before
 
 
+@pytest.mark.slow
 def test_a_killed_run_resumes(made, table, tmp_path):
     _, whole, out, _ = made
     (tmp_path / f"recording_{FRAMES}.hdf5").write_bytes(

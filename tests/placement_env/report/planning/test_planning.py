@@ -319,6 +319,7 @@ def levels_plan(asked):
     return plan(asked(sensors=1, levels=2, min_ap=0.01)).plan
 
 
+@pytest.mark.slow
 def test_levels_of_traffic_decide(levels_plan):
     made, chosen = levels_plan, levels_plan.chosen
     assert (made.question["levels"], made.question["levels_by"]) == (2, "worst")
@@ -328,6 +329,7 @@ def test_levels_of_traffic_decide(levels_plan):
     assert chosen.judged.vehicles == np.sum([row.judged.vehicles for row in made.by_level])
 
 
+@pytest.mark.slow
 def test_verdict_and_reasons_are_at_the_worst_level(levels_plan, planned):
     made, chosen = levels_plan, levels_plan.chosen
     assert "at the worst of 2 levels of traffic" in made.verdict.sentence
@@ -338,6 +340,7 @@ def test_verdict_and_reasons_are_at_the_worst_level(levels_plan, planned):
     assert planned.plan.chosen.over_levels is None
 
 
+@pytest.mark.slow
 def test_entrants_are_searched_over_levels(levels_plan, planned):
     made = levels_plan
     alone = {option.sensors: option.predicted for option in planned.plan.considered}

@@ -39,7 +39,7 @@ def some(n, seed=0):
     return Detections(boxes, rng.random(n), rng.integers(0, 4, n))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 40), st.integers(0, 1000))
 def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
     sent = some(n, seed)
