@@ -101,7 +101,13 @@ def search_command(
 
     Args:
         site: tjunction, roundabout, or a site file."""
-    from placement_env.search.answer import answer_files, check_georeference, write_answer
+    from placement_env.search.answer import (
+        ANSWER_JSON,
+        CURVE_JSON,
+        answer_files,
+        check_georeference,
+        write_answer,
+    )
     from placement_env.search.exact.cheapest import Demand
     from placement_env.search.order import SearchOrder
     from placement_env.search.search_run import run_search
@@ -137,8 +143,13 @@ def search_command(
         inputs = [*site_file(site), *site_file(setting.candidates.candidates)]
         if output.out is not None:
             may_overwrite = output.overwrite or order.resumes(output.out)
-            for name in answer_files(order):
-                check_folder(output.out, holds=name, inputs=inputs, overwrite=may_overwrite)
+            check_folder(
+                output.out,
+                holds=CURVE_JSON if search.curve else ANSWER_JSON,
+                inputs=inputs,
+                overwrite=may_overwrite,
+                writes=answer_files(order),
+            )
         with order.keeping(output.out, overwrite=output.overwrite) as (kept_order, checkpoint):
             answer = run_search(kept_order, checkpoint)
             lines = list(answer.lines)
