@@ -109,7 +109,7 @@ class ProcessPool:
 
 
 class _Surroundings(NamedTuple):
-    """What processes take over from this one when they start, and would do otherwise later.
+    """Settings that processes take over from this one when they start.
 
     Attributes:
         workers: Number of processes.
