@@ -191,6 +191,7 @@ class _SentObjects:
 
     def __init__(self, folder: Path) -> None:
         """Begin without objects. folder: folder of their files."""
+        self._process = os.getpid()
         self._folder = folder
         self._numbers: dict[int, int] = {}  # by `id` of the object
         self._references: dict[int, weakref.ref[SentOnce]] = {}  # by number
@@ -221,6 +222,8 @@ class _SentObjects:
 
     def _forget(self, key: int, reference: object) -> None:
         """Remove what belongs to an object that is gone. key: its `id`; reference: to nothing."""
+        if os.getpid() != self._process:
+            return  # in a copy of the process that writes the files
         number = self._numbers.pop(key)
         del self._references[number]
         _object_path(self._folder, number).unlink(missing_ok=True)
