@@ -263,7 +263,12 @@ def test_batches_of_any_worker_equal_their_items(packed):
     alone, helped = (
         list(
             torch.utils.data.DataLoader(
-                samples, batch_sampler=steps, collate_fn=stack, num_workers=workers
+                samples,
+                batch_sampler=steps,
+                collate_fn=stack,
+                num_workers=workers,
+                # a fork would copy the locks of all threads that earlier tests have started
+                multiprocessing_context="spawn" if workers else None,
             )
         )
         for workers in (0, 2)
