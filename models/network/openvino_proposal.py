@@ -6,6 +6,8 @@ results out of it: OpenVINO 2026.4 may otherwise write into an array of the call
 """
 
 import threading
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -41,32 +43,20 @@ class OpenVinoProposal(nn.Module):
         super().__init__()
         self.proposal = proposal
         self.precision: NumberFormat = precision
-        self._networks: dict[MapShape, CompiledMaps] = {}
+        self._compiled = CompiledMaps(partial(_graph_proposal, proposal), precision)
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> ClassifiedCells:
         """Class maps of the head, and what its other maps are computed from."""
-        # a network is compiled for each shape, and takes one map with its channels last
-        shape = MapShape(*x.shape[1:])
-        network = self._networks.get(shape)
-        if network is None:
-            network = CompiledMaps(_graph_proposal(self.proposal, shape), self.precision)
-            self._networks[shape] = network
-        # (rows, columns, channels) of each item
-        class_maps = []
-        feature_maps = []
-        for item in x.permute(0, 2, 3, 1).float().cpu().numpy():
-            class_logits, features = network(item)
-            class_maps.append(torch.from_numpy(class_logits))
-            feature_maps.append(torch.from_numpy(features))
+        class_logits, features = self._compiled(x)
         return ClassifiedCells(
-            class_logits=torch.stack(class_maps).permute(0, 3, 1, 2),
-            features=torch.stack(feature_maps).permute(0, 3, 1, 2),
+            class_logits=class_logits,
+            features=features,
             details=self.proposal.details,
             channels=self.proposal.detail_channels,
         )
 
     def __deepcopy__(self, memo: object) -> "OpenVinoProposal":
-        """Same weights, compiled anew when needed."""
+        """Same weights, compiled again when needed."""
         return OpenVinoProposal(self.proposal, self.precision)
 
 
@@ -81,19 +71,12 @@ class OpenVinoLayer(nn.Module):
         super().__init__()
         self.layer = layer
         self.precision: NumberFormat = precision
-        self._compiled: dict[MapShape, CompiledMaps] = {}
+        self._compiled = CompiledMaps(partial(graph_layer, layer), precision)
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B outputs h w"]:
         """Output after the ReLU."""
-        shape = MapShape(*x.shape[1:])
-        if shape not in self._compiled:
-            self._compiled[shape] = CompiledMaps(graph_layer(self.layer, shape), self.precision)
-        compiled = self._compiled[shape]
-        outputs = []
-        for item in x.permute(0, 2, 3, 1).float().cpu().numpy():
-            (output,) = compiled(item)
-            outputs.append(torch.from_numpy(output))
-        return torch.stack(outputs).permute(0, 3, 1, 2)
+        (output,) = self._compiled(x)
+        return output
 
     def __deepcopy__(self, memo: object) -> "OpenVinoLayer":
         """Same weights, compiled again when needed."""
@@ -101,18 +84,39 @@ class OpenVinoLayer(nn.Module):
 
 
 class CompiledMaps:
-    """Graph compiled for maps of one size; it may be called from several threads."""
+    """Graph compiled for each size of maps; it may be called from several threads.
 
-    def __init__(self, graph: "openvino.Model", precision: NumberFormat) -> None:
-        self._request = compile_graph(graph, precision)
+    Attributes:
+        requests: The compiled graphs by the shape of their input.
+    """
+
+    def __init__(
+        self, build: Callable[[MapShape], "openvino.Model"], precision: NumberFormat
+    ) -> None:
+        """Begin without a compiled graph.
+
+        build: makes the graph for a shape of the input; precision: format of the products."""
+        self._build = build
+        self._precision: NumberFormat = precision
         self._lock = threading.Lock()  # a request computes one map at a time
+        self.requests: dict[MapShape, openvino.InferRequest] = {}
 
-    def __call__(self, x: Float32[np.ndarray, "H W C"]) -> list[Float32[np.ndarray, "h w _"]]:
-        """Output maps of the graph."""
+    def __call__(self, x: Float[Tensor, "B C H W"]) -> list[Float[Tensor, "B outputs h w"]]:
+        """Output maps of the graph, channels last in memory."""
+        shape = MapShape(*x.shape[1:])
         with self._lock:
-            self._request.get_input_tensor().data[0] = x
-            self._request.infer()
-            return [tensor.data[0].copy() for tensor in self._request.output_tensors]
+            if shape not in self.requests:
+                self.requests[shape] = compile_graph(self._build(shape), self._precision)
+            request = self.requests[shape]
+            item_maps = []
+            for item in x.permute(0, 2, 3, 1).float().cpu().numpy():
+                request.get_input_tensor().data[0] = item
+                request.infer()
+                item_maps.append([tensor.data[0].copy() for tensor in request.output_tensors])
+        return [
+            torch.from_numpy(np.stack(maps)).permute(0, 3, 1, 2)
+            for maps in zip(*item_maps, strict=True)
+        ]
 
 
 def compile_graph(graph: "openvino.Model", precision: NumberFormat) -> "openvino.InferRequest":

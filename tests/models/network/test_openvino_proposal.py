@@ -62,7 +62,7 @@ def test_a_layer_is_that_of_torch_and_keeps_no_array():
         compiled(-x)
         torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)
         torch.testing.assert_close(x, before, atol=0, rtol=0)
-    assert copy.deepcopy(compiled)._compiled == {}
+    assert copy.deepcopy(compiled)._compiled.requests == {}
 
 
 def test_arrays_are_not_shared_with_the_caller(trained, cloud):
