@@ -1,8 +1,9 @@
 """`coview search`: which sensors to build."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -15,6 +16,9 @@ from placement_env.defaults import USUAL_CASES
 from placement_env.search.methods import usual_method
 from toolkit.runtime.run import USUAL_WORKERS, Run
 from toolkit.sites.files import load_site
+
+if TYPE_CHECKING:
+    from placement_env.search.order import SearchOrder
 
 SEARCH_STEPS = {  # shares of a search's time
     "poses rendered": 0.3,
@@ -101,13 +105,7 @@ def search_command(
 
     Args:
         site: tjunction, roundabout, or a site file."""
-    from placement_env.search.answer import (
-        ANSWER_JSON,
-        CURVE_JSON,
-        answer_files,
-        check_georeference,
-        write_answer,
-    )
+    from placement_env.search.answer import check_georeference, write_answer
     from placement_env.search.exact.cheapest import Demand
     from placement_env.search.order import SearchOrder
     from placement_env.search.search_run import run_search
@@ -142,14 +140,7 @@ def search_command(
         )
         inputs = [*site_file(site), *site_file(setting.candidates.candidates)]
         if output.out is not None:
-            may_overwrite = output.overwrite or order.resumes(output.out)
-            check_folder(
-                output.out,
-                holds=CURVE_JSON if search.curve else ANSWER_JSON,
-                inputs=inputs,
-                overwrite=may_overwrite,
-                writes=answer_files(order),
-            )
+            _check_answer_folder(output.out, order, inputs, overwrite=output.overwrite)
         with order.keeping(output.out, overwrite=output.overwrite) as (kept_order, checkpoint):
             answer = run_search(kept_order, checkpoint)
             lines = list(answer.lines)
@@ -157,6 +148,24 @@ def search_command(
                 lines.append(write_answer(output.out, kept_order, answer))
     print_result(answer.summary, "\n".join(lines), as_json=output.json)
     return OK if answer.met else NOT_MET
+
+
+def _check_answer_folder(
+    out: Path, order: "SearchOrder", inputs: Sequence[Path], *, overwrite: bool
+) -> None:
+    """Check that the answer to an order may be written into a folder.
+
+    inputs: files that the command reads; overwrite: True to replace an earlier answer, as one that
+    is resumed always is. Raises what `check_folder` raises."""
+    from placement_env.search.answer import ANSWER_JSON, CURVE_JSON, answer_files
+
+    check_folder(
+        out,
+        holds=CURVE_JSON if order.curve else ANSWER_JSON,
+        inputs=inputs,
+        overwrite=overwrite or order.resumes(out),
+        writes=answer_files(order),
+    )
 
 
 def _check(query: SearchOptions, setting: SettingOptions) -> str:
