@@ -58,9 +58,8 @@ class ProcessPool:
         self._executors = [
             ProcessPoolExecutor(1, context, _start_worker, arguments) for _ in range(workers)
         ]
-        self._futures: list[list[Future[Value]]] = [
-            [] for _ in range(workers)
-        ]  # those without a home
+        # unfinished inputs without a home, by process
+        self._futures: list[list[Future[Value]]] = [[] for _ in range(workers)]
         self.idle: threading.Timer | None = None
 
     @property

@@ -54,12 +54,13 @@ def doubt_outer_faces(
     ahead = boxes[:, 3:4] / 2 * np.column_stack([cos, sin])
     leftwards = boxes[:, 4:5] / 2 * np.column_stack([-sin, cos])
     outer = doubts.copy()
+    is_rigid = IS_RIGID[labels]
     for face, offset in enumerate((ahead, -ahead, leftwards, -leftwards)):
         x, y = (boxes[:, :2] + offset).T
         outside_x = np.maximum(np.maximum(xmin - x, x - xmax), 0)
         outside_y = np.maximum(np.maximum(ymin - y, y - ymax), 0)
         error = OUTER_ERROR_SHARE * np.hypot(outside_x, outside_y)
-        outer[:, face] = np.hypot(doubts[:, face], np.where(IS_RIGID[labels], error, 0))
+        outer[:, face] = np.hypot(doubts[:, face], np.where(is_rigid, error, 0))
     return outer
 
 
