@@ -15,7 +15,7 @@ from toolkit.sites.surroundings.houses import place_houses
 from toolkit.sites.surroundings.islands import plant_islands
 from toolkit.sites.surroundings.mount_places import Extent
 from toolkit.sites.surroundings.parking_bays import bay_outline, forecourts, kerb_bays
-from toolkit.sites.surroundings.places import Bays, points_along
+from toolkit.sites.surroundings.places import Bays, FreeBays, points_along
 from toolkit.sites.surroundings.plot import Plot, Road
 from toolkit.sites.surroundings.road_works import WORKS_OBJECTS, lane_works, verge_works
 from toolkit.sites.surroundings.street_furniture import (
@@ -30,7 +30,7 @@ POST_AIR_M = 0.2  # from the top of a mount's post to the lowest sensor on it
 
 def furnish(
     road: Road, area: Extent, mounts: Sequence[Mount], rng: Rng, *, light: bool = False
-) -> tuple[list[Solid], Bays]:
+) -> tuple[list[Solid], FreeBays]:
     """Draw solids and parking bays in and up to 25 m around an area, on level ground (z = 0).
 
     Mounts get posts and keep the ground around them clear. Strips of the road without bays have
@@ -80,7 +80,7 @@ def _loosen_hedges(solids: Sequence[Solid], rng: Rng) -> list[Solid]:
     return loosened_solids
 
 
-def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
+def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> FreeBays:
     """Put skips, containers and the like in some bays, close to vehicles that park.
 
     The solids go to the plot, except objects that reach onto driven ground. bays: rows x, y (m),
@@ -96,7 +96,7 @@ def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
     return _select_free(bay_solids, bays[~is_filled])  # objects may reach into other bays
 
 
-def _select_free(solids: Sequence[Solid], bays: Bays) -> Bays:
+def _select_free(solids: Sequence[Solid], bays: Bays) -> FreeBays:
     """Return the bays (x, y, yaw) whose ground, 0.1 m within its edge, no solid is on."""
     if not len(bays):
         return bays

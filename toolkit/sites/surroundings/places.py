@@ -6,6 +6,7 @@ import shapely
 from toolkit.arrays import Float, Float64
 
 Bays = Float64[np.ndarray, "n 3"]  # x, y (m), yaw (rad)
+FreeBays = Float64[np.ndarray, "free 3"]  # those of them that nothing stands in
 
 
 def points_along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
