@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import Bool, BoxRows, Float64, Int64
+from toolkit.arrays import Bool, BoxRows, Float, Float64, Int64
 
 Overlap = Literal["bev", "3d"]
 
@@ -124,11 +124,14 @@ def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
     return _measure_all_pairs(a, b, covered_share)
 
 
-def are_close(first: BoxRows, second: BoxRows, gap: float) -> Bool[np.ndarray, " n"]:
+def are_close(
+    first: BoxRows, second: Float[np.ndarray, "#n 7"], gap: float
+) -> Bool[np.ndarray, " n"]:
     """Mask of rows at which two boxes are closer than a gap (m), seen from above.
 
     Both boxes are widened by half of the gap on each side, and overlap unless an edge of one
-    separates them. first, second: x y z length width height yaw (n, 7), m and rad."""
+    separates them. first, second: x y z length width height yaw (n, 7), m and rad; of the
+    second there may be one for all rows."""
     # half lengths and widths
     half_first = (first[:, 3:5] + gap) / 2
     half_second = (second[:, 3:5] + gap) / 2

@@ -86,7 +86,10 @@ def _draw_planes(candidates: _Cells, rng: Rng) -> Float64[np.ndarray, "k 3"]:
 
 
 def _score_planes(
-    planes: Float64[np.ndarray, "k 3"], candidates: _Cells, cells: _Cells, rng: Rng
+    planes: Float64[np.ndarray, "k 3"],
+    candidates: _Cells,
+    cells: Float64[np.ndarray, "cells 3"],
+    rng: Rng,
 ) -> Float64[np.ndarray, " k"]:
     """Number of candidates on each plane, less a penalty for cells well below it.
 

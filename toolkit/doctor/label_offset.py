@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Float64, Points
+from toolkit.arrays import BoxRows, Float, Float64
 from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits_better, measure_view_fits
 from toolkit.doctor.explanations import Explanation
 from toolkit.doctor.label_mistake import LabelMistake
@@ -58,7 +58,9 @@ def _shift_boxes(boxes: BoxRows, offset: Float64[np.ndarray, "2"]) -> BoxRows:
     return boxes + np.array([*offset, 0, 0, 0, 0, 0])
 
 
-def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2"]:
+def _measure_offsets(
+    points: Float[np.ndarray, "points 3"], boxes: BoxRows
+) -> Float64[np.ndarray, "near 2"]:
     """Median horizontal offset (m) of the points around each box from its centre, as x, y.
 
     Points within `OFFSET_REACH_M` of a box's circle count. Boxes without any are skipped."""

@@ -45,7 +45,7 @@ class ContinuousTraffic:
         parked_boxes: Boxes of parked vehicles, on level ground; they stay all the time.
         parked_ids: Ids of parked vehicles.
         parked_bodies: Their bodies, as rows of the bodies that traffic was given.
-        begin: First row of each frame, and n at the end.
+        begin: First row of each frame, and n at the end: one more than frames.
         traveller: Index in `travellers` of each row.
         boxes: Box of each row, on level ground.
         labels: Class of each body that traffic was given."""
@@ -57,7 +57,7 @@ class ContinuousTraffic:
     parked_boxes: LevelBoxes
     parked_ids: Int64[np.ndarray, " p"]
     parked_bodies: Int64[np.ndarray, " p"]
-    begin: Int64[np.ndarray, " frames+1"]
+    begin: Int64[np.ndarray, " starts"]
     traveller: Int64[np.ndarray, " n"]
     boxes: LevelBoxes
     labels: Int64[np.ndarray, " bodies"]

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Shaped
 from toolkit.traffic.body_motion import shift_left, smooth_direction
 from toolkit.traffic.occupancy import size_boxes
 
@@ -42,13 +42,13 @@ class Course:
         changes[:, 2] = np.arctan2(np.sin(changes[:, 2]), np.cos(changes[:, 2]))
         return changes
 
-    def pick(self, rows: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
+    def pick(self, rows: Shaped[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
         """Poses (x, y in m, yaw in rad) at rows that may be between two."""
         low = np.clip(rows.astype(np.int64), 0, len(self.poses) - 1)
         return self.poses[low] + (rows - low)[:, None] * self.changes[low]
 
     def shift(
-        self, rows: Float64[np.ndarray, " k"], left: Float64[np.ndarray, " k"]
+        self, rows: Shaped[np.ndarray, " k"], left: Float64[np.ndarray, " k"]
     ) -> Float64[np.ndarray, "k 3"]:
         """Poses to the left of the course, with its headings.
 
@@ -57,7 +57,7 @@ class Course:
         return shift_left(self.pick(rows), directions, left)
 
     def list_lines(
-        self, rows: Float64[np.ndarray, " k"], asides: Float64[np.ndarray, " lines"]
+        self, rows: Shaped[np.ndarray, " k"], asides: Float64[np.ndarray, " lines"]
     ) -> Float64[np.ndarray, "k*lines 7"]:
         """Boxes of the body at rows, on lines next to the course; row after row.
 

@@ -240,7 +240,7 @@ class _Sections(NamedTuple):
         return _Sections((low + high) / 2, float(radius))
 
     def find_near(
-        self, bodies: LevelBoxes, sections: Int64[np.ndarray, " n"]
+        self, bodies: LevelBoxes, sections: Int64[np.ndarray, " sections"]
     ) -> tuple[Int64[np.ndarray, " pairs"], Int64[np.ndarray, " pairs"]]:
         """Rows of bodies of one size, and which of some sections each may be within the gap of."""
         reach = self.radius + np.hypot(*bodies[0, 3:5]) / 2

@@ -162,7 +162,7 @@ class Judge:
 
     def kbit(
         self, members: tuple[int, ...], frames: Frames | None = None
-    ) -> Float64[np.ndarray, "k frames"]:
+    ) -> Float64[np.ndarray, "sensors frames"]:
         """Return the kbit that each sensor of one set sends in each frame, a row for each sensor.
 
         members: indices of the set's candidates, in the order of the rows; frames: numbers of the
