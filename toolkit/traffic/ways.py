@@ -37,6 +37,10 @@ GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # pedestrians with 0, 1, 2, 3 companions
 COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next to each other
 MAX_QUEUE = 10  # road users who wait to come in at an entry, without a warning
 STEPS_BETWEEN_DETOURS = 10  # stuck drivers are looked for once a second
+# SUMO's drivers change lanes and enter only where nobody has to brake, and so fill a roundabout
+# that carries their number: these take gaps half as long, and enter as after 45 s of waiting
+LANE_CHANGE_ASSERTIVENESS = 2.0
+IMPATIENCE = 0.25  # 0 to 1
 LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "pedestrian": (PEDESTRIAN,)}
 
 
@@ -182,6 +186,8 @@ def _describe_types(supply: Supply) -> str:
                 "decel": rng.uniform(2.5, 4.0),
                 "emergencyDecel": 7.0,
                 "tau": rng.uniform(1.0, 1.6),
+                "lcAssertive": LANE_CHANGE_ASSERTIVENESS,
+                "impatience": IMPATIENCE,
             }
         text = " ".join(f'{name}="{value:.3f}"' for name, value in habits.items())
         model = "" if label == PEDESTRIAN else ' carFollowModel="IDM" maxSpeedLat="0.6" lcSigma="0"'
