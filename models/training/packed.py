@@ -28,7 +28,7 @@ from typing import NamedTuple, SupportsFloat
 import h5py
 import numpy as np
 
-from toolkit.arrays import Float32, Mask, Rng, Shaped
+from toolkit.arrays import Float, Float32, Mask, Rng, Shaped
 from toolkit.boxes import check_boxes
 from toolkit.geometry import LEVEL, Slope, check_slope, level_rows
 from toolkit.objects import Objects
@@ -262,7 +262,7 @@ class Rig:
         is_in_crop = self.in_crop(points)
         return _Sweep(points=points[is_in_crop], pixels=pixels[is_in_crop], depth=depth[is_in_crop])
 
-    def world(self, s: int, pixels: _Pixels, depth: Float32[np.ndarray, " n"]) -> _Points:
+    def world(self, s: int, pixels: _Pixels, depth: Float[np.ndarray, " n"]) -> _Points:
         """Points (x y z in the site's frame, m) that pixels of sensor s measure.
 
         depth: measurement of each pixel (m).

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float64, Int64, Points
+from toolkit.arrays import Bool, Float64, Int, Int64, Points
 from toolkit.calibration.height_map import HeightMap
 
 LINK_M = 5.0  # distance of the farthest neighbour that continues a surface
@@ -79,9 +79,7 @@ class CellPoints(NamedTuple):
             least=kept_points[order[first], 2],
         )
 
-    def count_near(
-        self, numbers: Int64[np.ndarray, " m"], count: int
-    ) -> Int64[np.ndarray, " count"]:
+    def count_near(self, numbers: Int[np.ndarray, " m"], count: int) -> Int64[np.ndarray, " count"]:
         """Count the points on each surface, within `ON_GROUND_M` of their square's low point.
 
         numbers: (m,) number of each square's surface, -1 for none; count: number of surfaces."""
@@ -129,7 +127,7 @@ class LinkedCells:
         is_flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
         return LinkedCells(cells, neighbours=neighbours, is_linked=is_linked, is_flat=is_flat)
 
-    def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
+    def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Number the linked surfaces off the main ground.
 
         above: height (m) of each cell above the main ground. Returns the number of each cell's
@@ -158,8 +156,8 @@ class LinkedCells:
         return self._join_pieces(numbers, side)
 
     def _join_pieces(
-        self, numbers: Int64[np.ndarray, " n"], side: Float64[np.ndarray, " n"]
-    ) -> Int64[np.ndarray, " n"]:
+        self, numbers: Int[np.ndarray, " n"], side: Float64[np.ndarray, " n"]
+    ) -> Int[np.ndarray, " n"]:
         """Give pieces of one road the same number if road users and their shadows separate them.
 
         Args:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from toolkit.arrays import BoxRows
+from toolkit.arrays import FrameBoxes
 from toolkit.boxes import count_points
 from toolkit.doctor.box_fits import GroundView
 from toolkit.doctor.explanations import undo_each
@@ -55,7 +55,7 @@ def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
     )
 
 
-def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> int:
+def _count_empty(views: Sequence[GroundView], boxes: Sequence[FrameBoxes]) -> int:
     """Number of boxes without a point above the ground.
 
     boxes: boxes (m, 7) of each view, world frame, which are counted instead of its labels."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Float64, Mask
+from toolkit.arrays import BoxRows, Float, Float64, Mask
 from toolkit.datasets import box_frames
 from toolkit.doctor.box_fits import (
     MIN_FITTED_BOXES,
@@ -109,7 +109,7 @@ def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
     return best
 
 
-def _mark_moved(boxes: BoxRows, other_boxes: BoxRows) -> Mask:
+def _mark_moved(boxes: BoxRows, other_boxes: Float[np.ndarray, "others 7"]) -> Mask:
     """Mark boxes whose centres are farther than `MAX_STILL_M` from the centres of all other boxes.
 
     other_boxes: boxes of another frame, in the same world frame."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from toolkit.arrays import BoxRows
+from toolkit.arrays import FrameBoxes
 from toolkit.datasets import problem_kinds
 from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits_better, measure_view_fits
 from toolkit.doctor.empty_labels import suspect_empty
@@ -93,7 +93,7 @@ def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
     return suspect_headings([view.sample for view in views])
 
 
-def suspect_heights(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> list[Finding]:
+def suspect_heights(views: Sequence[GroundView], boxes: Sequence[FrameBoxes]) -> list[Finding]:
     """Find boxes whose z is the height of their floor or roof instead of their centre.
 
     views: frames with their ground; boxes: boxes (m, 7) of each frame, world frame. Returns one
