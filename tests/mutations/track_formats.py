@@ -27,6 +27,7 @@ from toolkit.exchange.track_text import read_detection_text
 from toolkit.frame import Everywhere
 from toolkit.geometry import look
 from toolkit.objects import Detections, Objects
+from toolkit.runtime.reading import read_plain
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
@@ -142,7 +143,7 @@ def read_detections(path: Path) -> None:
 
 
 def read_message(path: Path) -> None:
-    frame = SensorCodec(SENSOR, SCENE, (-100.0, -100.0, 100.0, 100.0)).decode(path.read_bytes())
+    frame = SensorCodec(SENSOR, SCENE, (-100.0, -100.0, 100.0, 100.0)).decode(read_plain(path))
     assert np.isfinite(frame.points()).all()
 
 
