@@ -38,9 +38,9 @@ COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next 
 MAX_QUEUE = 10  # road users who wait to come in at an entry, without a warning
 STEPS_BETWEEN_DETOURS = 10  # stuck drivers are looked for once a second
 # SUMO's drivers change lanes and enter only where nobody has to brake, and so fill a roundabout
-# that carries their number: these take gaps half as long, and enter as after 45 s of waiting
+# that carries their number: these take gaps half as long, and enter as after 90 s of waiting
 LANE_CHANGE_ASSERTIVENESS = 2.0
-IMPATIENCE = 0.25  # 0 to 1
+IMPATIENCE = 0.5  # 0 to 1
 LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "pedestrian": (PEDESTRIAN,)}
 
 
