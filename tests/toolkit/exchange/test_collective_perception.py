@@ -382,6 +382,8 @@ def test_a_place_at_the_date_line(tmp_path, modules):
         ("header ItsPduHeader,", "header ItsPduHeader", "is no folder of ASN.1 modules that can be"),
         ("Speed ::=", "Velocity ::=", "is no folder of ASN.1 modules that can be read"),
         ("objectId INTEGER (0..65535)", "objectId INTEGER (0..255)", "do not fit TS 103 324 V2.1.1"),
+        ("INTEGER (-131072..131071)", "INTEGER (0..131071)", "do not fit TS 103 324 V2.1.1"),
+        ("INTEGER (-131072..131071)", "INTEGER (-131072..0)", "do not fit TS 103 324 V2.1.1"),
         ("vruSubClass CHOICE", "walking CHOICE", "do not fit TS 103 324 V2.1.1"),
         ("xCoordinate Coordinate", "x Coordinate", "do not fit TS 103 324 V2.1.1"),
         ("OriginatingRsuContainer ::=", "Rsu ::=", "OriginatingRsuContainer"),
