@@ -135,12 +135,17 @@ class Occupancy:
             mask |= are_close(boxes, parked_box[None], gap)
         return mask
 
-    def is_obstructed_in_view(self, boxes: LevelBoxes, gap: float) -> Bool[np.ndarray, " n"]:
+    def is_obstructed_in_view(
+        self, boxes: Float64[np.ndarray, "n k 7"], gap: float
+    ) -> Bool[np.ndarray, "n k"]:
         """Mask of boxes that may be seen and touch a solid, or are within a gap (m) of a parked
-        vehicle."""
-        mask = self._is_near_view(boxes)
-        mask[mask] = self.is_obstructed(boxes[mask], gap)
-        return mask
+        vehicle.
+
+        boxes: n sections of a course, with k boxes next to each other in each."""
+        flat_boxes = boxes.reshape(-1, 7)
+        mask = self._is_near_view(flat_boxes)
+        mask[mask] = self.is_obstructed(flat_boxes[mask], gap)
+        return mask.reshape(boxes.shape[:2])
 
     def find_blocked(
         self, boxes: Float64[np.ndarray, "n k 7"], moments: Moments, gap: float
