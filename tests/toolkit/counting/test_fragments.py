@@ -58,6 +58,15 @@ def test_long_gaps_other_places_and_other_classes_stay_apart():
     assert join_fragments([]) == []
 
 
+@pytest.mark.parametrize("velocity", [(8, 0), (0, 8)])
+def test_who_moved_on_is_not_who_stands_there_later(velocity):
+    """A gap of 6 s would do if both sides stood."""
+    (car,) = cut(moving(1, (0, 0), velocity), (0, 50))
+    half_way = car.boxes[-1, :2] + 6.0 / 2 * np.array(velocity)
+    (parked,) = cut(moving(2, half_way, (0, 0)), (109, 150))
+    assert len(join_fragments([car, parked])) == 2
+
+
 def test_a_track_that_begins_before_the_last_one_ends_goes_on():
     car = moving(1, (0, 0), (8, 0))
     (joined,) = join_fragments(cut(car, (0, 110), (100, 200)))
