@@ -18,7 +18,7 @@ to 1e-9 (see the tests) and takes 60 times longer."""
 
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -132,27 +132,53 @@ def are_close(
     Both boxes are widened by half of the gap on each side, and overlap unless an edge of one
     separates them. first, second: x y z length width height yaw (n, 7), m and rad; of the
     second there may be one for all rows."""
-    # half lengths and widths
-    half_first = (first[:, 3:5] + gap) / 2
-    half_second = (second[:, 3:5] + gap) / 2
-    dx = second[:, 0] - first[:, 0]
-    dy = second[:, 1] - first[:, 1]
-    turn = second[:, 6] - first[:, 6]
-    cos = np.abs(np.cos(turn))
-    sin = np.abs(np.sin(turn))
-    is_close = np.ones(len(dx), np.bool_)
-    # offset of the middles in the frame of each box, and the offset up to which they overlap: the
-    # half size of the box itself, and half the extent of the other box along its axes
-    for yaw, near_half, far_half in (
-        (first[:, 6], half_first, half_second),
-        (second[:, 6], half_second, half_first),
-    ):
-        ahead = dx * np.cos(yaw) + dy * np.sin(yaw)
-        aside = dy * np.cos(yaw) - dx * np.sin(yaw)
-        reach_ahead = near_half[:, 0] + far_half[:, 0] * cos + far_half[:, 1] * sin
-        reach_aside = near_half[:, 1] + far_half[:, 0] * sin + far_half[:, 1] * cos
-        is_close &= (np.abs(ahead) <= reach_ahead) & (np.abs(aside) <= reach_aside)
-    return is_close
+    return _widen(first, gap).overlap(_widen(second, gap))
+
+
+class WidenedBoxes(NamedTuple):
+    """Boxes seen from above, in arrays or numbers that broadcast.
+
+    Attributes:
+        x: middle (m).
+        y: middle (m).
+        yaw: heading (rad).
+        half_length: m.
+        half_width: m.
+        max_extent: largest distance (m) from the middle that counts, infinite for all corners."""
+
+    x: np.ndarray
+    y: np.ndarray
+    yaw: np.ndarray
+    half_length: np.ndarray | float
+    half_width: np.ndarray | float
+    max_extent: float = np.inf
+
+    def overlap(self, partner: "WidenedBoxes") -> Bool[np.ndarray, "..."]:
+        """Mask of boxes that touch another: no edge of either separates them."""
+        dx = partner.x - self.x
+        dy = partner.y - self.y
+        turn = partner.yaw - self.yaw
+        cos = np.abs(np.cos(turn))
+        sin = np.abs(np.sin(turn))
+        do_touch = np.ones(dx.shape, np.bool_)
+        # offset of the middles in the frame of each box, and the offset up to which they overlap:
+        # the half size of the box itself, and half the extent of the other box along its axes
+        for first, second in ((self, partner), (partner, self)):
+            ahead = dx * np.cos(first.yaw) + dy * np.sin(first.yaw)
+            aside = dy * np.cos(first.yaw) - dx * np.sin(first.yaw)
+            reach_ahead = first.half_length + second.half_length * cos + second.half_width * sin
+            reach_aside = first.half_width + second.half_length * sin + second.half_width * cos
+            reach_ahead = np.minimum(reach_ahead, first.half_length + second.max_extent)
+            reach_aside = np.minimum(reach_aside, first.half_width + second.max_extent)
+            do_touch &= np.abs(ahead) <= reach_ahead
+            do_touch &= np.abs(aside) <= reach_aside
+        return do_touch
+
+
+def _widen(boxes: BoxRows, gap: float) -> WidenedBoxes:
+    """Boxes that are wider by half of a gap (m) on each side."""
+    half_length, half_width = ((boxes[:, 3:5] + gap) / 2).T
+    return WidenedBoxes(boxes[:, 0], boxes[:, 1], boxes[:, 6], half_length, half_width)
 
 
 def nms(

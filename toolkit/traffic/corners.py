@@ -9,7 +9,7 @@ import numpy as np
 from toolkit.arrays import Bool, Float64
 from toolkit.geometry import smooth_rows
 from toolkit.traffic.body_motion import face_along
-from toolkit.traffic.course import ASIDE_SPACING_M, Course
+from toolkit.traffic.course import ASIDE_SPACING_M, Course, list_asides
 from toolkit.traffic.occupancy import Occupancy
 
 MAX_DETOUR_M = 3.0  # to the side of the course
@@ -24,10 +24,9 @@ def walk_round(course: Course, occupancy: Occupancy, gap: float) -> Course | Non
     It has the same steps. None if a solid is wider than `MAX_DETOUR_M` on both sides. gap: distance
     to keep to parked vehicles (m)."""
     line_count = round(MAX_DETOUR_M / ASIDE_SPACING_M)
-    asides = ASIDE_SPACING_M * np.arange(-line_count, line_count + 1)
     rows = np.arange(len(course.poses), dtype=np.float64)
-    boxes = course.list_lines(rows, asides)
-    is_free = ~occupancy.is_obstructed_in_view(boxes, gap).reshape(len(rows), len(asides))
+    boxes = course.list_lines(rows, list_asides(line_count))
+    is_free = ~occupancy.is_obstructed_in_view(boxes, gap)
     left = _find_asides(is_free[:, line_count:])
     right = _find_asides(is_free[:, line_count::-1])
     detour_m = np.zeros(len(rows))  # to the left
@@ -48,7 +47,7 @@ def walk_round(course: Course, occupancy: Occupancy, gap: float) -> Course | Non
         )
     smoothed = smooth_rows(detour_m[:, None], DETOUR_SMOOTHING_STEPS)[:, 0]
     detour = replace(course, poses=face_along(course.poses, course.shift(rows, smoothed)))
-    is_open = ~occupancy.is_obstructed_in_view(detour.list_lines(rows, np.zeros(1)), gap)
+    is_open = ~occupancy.is_obstructed_in_view(detour.list_lines(rows, list_asides(0)), gap)
     return detour if is_open.all() else None
 
 

@@ -58,9 +58,18 @@ class Course:
 
     def list_lines(
         self, rows: Shaped[np.ndarray, " k"], asides: Float64[np.ndarray, " lines"]
-    ) -> Float64[np.ndarray, "k*lines 7"]:
-        """Boxes of the body at rows, on lines next to the course; row after row.
+    ) -> Float64[np.ndarray, "k lines 7"]:
+        """Boxes of the body at rows, on lines next to the course.
 
         asides: distance of each line to the left of the course (m)."""
         poses = self.shift(np.repeat(rows, len(asides)), np.tile(asides, len(rows)))
-        return size_boxes(poses, self.size)
+        return size_boxes(poses, self.size).reshape(len(rows), len(asides), 7)
+
+
+def list_asides(line_count: int) -> Float64[np.ndarray, " lines"]:
+    """Distances to the left of a course (m) of its own line and `line_count` on each side.
+
+    >>> list_asides(2).tolist()
+    [-0.4, -0.2, 0.0, 0.2, 0.4]
+    """
+    return ASIDE_SPACING_M * np.arange(-line_count, line_count + 1)

@@ -6,6 +6,8 @@ gets through the junction."""
 from types import ModuleType
 from typing import NamedTuple
 
+from toolkit.traffic.sumo import find_standing
+
 DEADLOCK_S = 10.0  # standing of both, before one of them goes
 FOE_REACH_M = 30.0  # along a lane, within which others may be in the way
 _IGNORED = "junctionModel.ignoreIDs"  # SUMO's parameter: drivers that need not be waited for
@@ -43,12 +45,9 @@ def end_deadlocks(sumo: ModuleType) -> None:
 
     sumo: libsumo module with a running simulation."""
     vehicles = sumo.vehicle
-    standing = {
-        name
-        for name in vehicles.getIDList()
-        # names of lanes inside a junction begin with a colon
-        if vehicles.getLaneID(name).startswith(":") and vehicles.getWaitingTime(name) >= DEADLOCK_S
-    }
+    lanes = find_standing(sumo, DEADLOCK_S)
+    # names of lanes inside a junction begin with a colon
+    standing = {name for name, lane in lanes.items() if lane.startswith(":")}
     if len(standing) < 2:
         return
     for name in sorted(standing):

@@ -6,6 +6,7 @@ and a roundabout is soon full of drivers behind them."""
 from types import ModuleType
 
 from toolkit.traffic.road_lanes import Roads
+from toolkit.traffic.sumo import find_standing
 
 PATIENCE_S = 3.0  # standing, before a driver gives a turn up
 LANE_END_M = 1.0  # a driver who is nearer to the end of the lane cannot change it on the way
@@ -20,10 +21,8 @@ def send_round(sumo: ModuleType, roads: Roads) -> None:
         sumo: libsumo module with a running simulation.
         roads: Lanes of its network."""
     vehicles = sumo.vehicle
-    for name in vehicles.getIDList():
-        if vehicles.getWaitingTime(name) < PATIENCE_S:
-            continue
-        lane = roads.lanes.get(vehicles.getLaneID(name))  # None within a junction
+    for name, lane_name in find_standing(sumo, PATIENCE_S).items():
+        lane = roads.lanes.get(lane_name)  # None within a junction
         if lane is None or vehicles.getLanePosition(name) < lane.length - LANE_END_M:
             continue
         route = vehicles.getRoute(name)

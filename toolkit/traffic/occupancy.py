@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.boxes import are_close
+from toolkit.boxes import WidenedBoxes, are_close
 from toolkit.traffic.obstacles import BODY_GAP_M, LevelBoxes, Obstacles, place_boxes
 from toolkit.traffic.road_lanes import VIEW_MARGIN_M, distance_to_area
 
@@ -135,12 +135,17 @@ class Occupancy:
             mask |= are_close(boxes, parked_box[None], gap)
         return mask
 
-    def is_obstructed_in_view(self, boxes: LevelBoxes, gap: float) -> Bool[np.ndarray, " n"]:
+    def is_obstructed_in_view(
+        self, boxes: Float64[np.ndarray, "n k 7"], gap: float
+    ) -> Bool[np.ndarray, "n k"]:
         """Mask of boxes that may be seen and touch a solid, or are within a gap (m) of a parked
-        vehicle."""
-        mask = self._is_near_view(boxes)
-        mask[mask] = self.is_obstructed(boxes[mask], gap)
-        return mask
+        vehicle.
+
+        boxes: n sections of a course, with k boxes next to each other in each."""
+        flat_boxes = boxes.reshape(-1, 7)
+        mask = self._is_near_view(flat_boxes)
+        mask[mask] = self.is_obstructed(flat_boxes[mask], gap)
+        return mask.reshape(boxes.shape[:2])
 
     def find_blocked(
         self, boxes: Float64[np.ndarray, "n k 7"], moments: Moments, gap: float
@@ -265,29 +270,26 @@ class _Pairs(NamedTuple):
     section: Int64[np.ndarray, " pairs"]
 
     def mask_close(self, gap: float) -> Bool[np.ndarray, "pairs k"]:
-        """Mask of boxes within a gap (m) of the body, as `are_close` finds them."""
-        dx = self.boxes[:, :, 0][self.section] - self.bodies[self.body, 0, None]
-        dy = self.boxes[:, :, 1][self.section] - self.bodies[self.body, 1, None]
-        body_yaw = self.bodies[self.body, 6, None]
-        box_yaw = self.boxes[:, 0, 6][self.section, None]
-        body_half = ((self.bodies[0, 3:5] + gap) / 2).tolist()
-        box_half = ((self.boxes[0, 0, 3:5] + gap) / 2).tolist()
-        turn = box_yaw - body_yaw
-        cos = np.abs(np.cos(turn))
-        sin = np.abs(np.sin(turn))
-        # farther away in the frame of the body, no point of the box is within the gap
-        reach = self.bodies[0, 3:5] / 2 + np.hypot(*self.boxes[0, 0, 3:5]) / 2 + gap
-        is_close = np.ones(dx.shape, np.bool_)
-        for yaw, near_half, far_half, limits in (
-            (body_yaw, body_half, box_half, reach),
-            (box_yaw, box_half, body_half, (np.inf, np.inf)),
-        ):
-            ahead = np.abs(dx * np.cos(yaw) + dy * np.sin(yaw))
-            aside = np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
-            is_close &= (ahead < limits[0]) & (aside < limits[1])
-            is_close &= ahead <= near_half[0] + far_half[0] * cos + far_half[1] * sin
-            is_close &= aside <= near_half[1] + far_half[0] * sin + far_half[1] * cos
-        return is_close
+        """Mask of boxes within a gap (m) of the body, as `are_close` finds them but for corners."""
+        half_length, half_width = ((self.bodies[0, 3:5] + gap) / 2).tolist()
+        bodies = WidenedBoxes(
+            x=self.bodies[self.body, 0, None],
+            y=self.bodies[self.body, 1, None],
+            yaw=self.bodies[self.body, 6, None],
+            half_length=half_length,
+            half_width=half_width,
+        )
+        half_length, half_width = ((self.boxes[0, 0, 3:5] + gap) / 2).tolist()
+        boxes = WidenedBoxes(
+            x=self.boxes[:, :, 0][self.section],
+            y=self.boxes[:, :, 1][self.section],
+            yaw=self.boxes[:, 0, 6][self.section, None],
+            half_length=half_length,
+            half_width=half_width,
+            # no place within half of the gap is farther from the middle
+            max_extent=float(np.hypot(*self.boxes[0, 0, 3:5])) / 2 + gap / 2,
+        )
+        return bodies.overlap(boxes)
 
 
 def size_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]) -> LevelBoxes:

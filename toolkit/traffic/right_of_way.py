@@ -16,7 +16,7 @@ from toolkit.geometry import smooth_rows
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.traffic.body_motion import face_along
 from toolkit.traffic.corners import walk_round
-from toolkit.traffic.course import ASIDE_SPACING_M, Course
+from toolkit.traffic.course import ASIDE_SPACING_M, Course, list_asides
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.sumo import FINE_STEP_S
 
@@ -149,17 +149,9 @@ def _is_blocked_near(course: Course, progress: float, occupancy: Occupancy) -> b
 
 def _has_closed_row(course: Course, rows: Int64[np.ndarray, " n"], occupancy: Occupancy) -> bool:
     """Return True if all lines next to one of the rows are obstructed, so that none leads past."""
-    asides = _list_asides(course)
-    smallest_gap = GAPS_M[course.label][-1]
-    boxes = course.list_lines(rows, asides)
-    is_obstructed = occupancy.is_obstructed_in_view(boxes, smallest_gap)
-    return bool(is_obstructed.reshape(len(rows), len(asides)).all(axis=1).any())
-
-
-def _list_asides(course: Course) -> Float64[np.ndarray, " lines"]:
-    """Distances to the left of the course (m) of the lines that its body may take."""
-    side_lines = SIDE_LINES[course.label]
-    return ASIDE_SPACING_M * np.arange(-side_lines, side_lines + 1)
+    boxes = course.list_lines(rows, list_asides(SIDE_LINES[course.label]))
+    is_obstructed = occupancy.is_obstructed_in_view(boxes, GAPS_M[course.label][-1])
+    return bool(is_obstructed.all(axis=1).any())
 
 
 def _plan_window(
@@ -182,17 +174,13 @@ def _plan_window(
     rows = rows[rows <= len(course.poses) - 1]
     if not len(rows):
         return None
-    asides = _list_asides(course)
-    boxes = course.list_lines(rows, asides)
-    shape = (len(rows), len(asides))
+    boxes = course.list_lines(rows, list_asides(side_lines))
     margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
     # by moment, line and row
-    blocked = occupancy.find_blocked(boxes.reshape(*shape, 7), window, limits.gap).transpose(
-        0, 2, 1
-    )
+    blocked = occupancy.find_blocked(boxes, window, limits.gap).transpose(0, 2, 1)
     blocked = _widen(np.ascontiguousarray(blocked), margin + ceil(limits.headway / STRIDE))
     is_crossed = np.any(blocked, axis=0)
-    is_obstructed = occupancy.is_obstructed_in_view(boxes, limits.gap).reshape(shape).T
+    is_obstructed = occupancy.is_obstructed_in_view(boxes, limits.gap).T
     blocked |= _widen(is_obstructed.T, margin).T
     moves = _find_moves(blocked, is_crossed, start_line + side_lines)
     if moves is None:

@@ -87,6 +87,18 @@ def running(
         sumo.close()
 
 
+def find_standing(sumo: ModuleType, min_standing_s: float) -> dict[str, str]:
+    """SUMO's lane of each vehicle that has stood for at least so many seconds, by its name.
+
+    sumo: libsumo module with a running simulation."""
+    vehicles = sumo.vehicle
+    return {
+        name: vehicles.getLaneID(name)
+        for name in vehicles.getIDList()
+        if vehicles.getWaitingTime(name) >= min_standing_s
+    }
+
+
 @contextmanager
 def _stderr_into(file: Path) -> Iterator[None]:
     """Redirect stderr of the whole process, C++ code included, to a file."""

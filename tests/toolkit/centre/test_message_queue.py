@@ -88,6 +88,18 @@ def test_a_rest_ends_when_woken_and_leaves_messages():
     assert len(queue.take(0.0)) == 1
 
 
+def test_the_spread_of_a_recording_is_that_of_its_longest_frame():
+    frames = []
+    for k, delay_s in enumerate((0.02, 0.07, 0.0)):
+        start_s = 7.0 + 0.1 * k
+        clouds = [
+            SensorCloud(name, np.zeros((3, 3), np.float32), np.eye(4), stamp_s=stamp_s)
+            for name, stamp_s in (("north", start_s), ("south", start_s + delay_s))
+        ]
+        frames.append(Frame.of_clouds(f"{k}", clouds, Objects.empty(), time=start_s))
+    assert RecordingInput(frames).spread_s == pytest.approx(0.07)
+
+
 def drain(queue):
     received = []
     while (messages := queue.take(0.2)) is not None:

@@ -135,6 +135,13 @@ def test_errors_are_counts_minus_true_counts():
     assert match_trips(counts, truth, "cyclist") == (0, 0, 0)
 
 
+def test_who_is_seen_once_has_no_velocity():
+    (user,) = split_trajectories(
+        np.array([7]), np.array([VEHICLE]), np.array([[1.0, 2, 1, 4, 2, 1.5, 0]]), np.zeros(1)
+    )
+    assert user.velocities.tolist() == [[0.0, 0.0]]
+
+
 def test_trajectories_of_objects_and_of_tracks_that_are_sure():
     boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [5, 5, 1, 4, 2, 1.5, 0]])
     moved = boxes + np.array([0.5, 0, 0, 0, 0, 0, 0])

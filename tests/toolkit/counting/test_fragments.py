@@ -1,6 +1,7 @@
 """Fragments of one road user are joined, those of two are not."""
 
 import numpy as np
+import pytest
 
 from toolkit.counting.fragments import join_fragments
 from toolkit.counting.trajectories import Trajectory
@@ -57,6 +58,15 @@ def test_long_gaps_other_places_and_other_classes_stay_apart():
     assert join_fragments([]) == []
 
 
+@pytest.mark.parametrize("velocity", [(8, 0), (0, 8)])
+def test_who_moved_on_is_not_who_stands_there_later(velocity):
+    """A gap of 6 s would do if both sides stood."""
+    (car,) = cut(moving(1, (0, 0), velocity), (0, 50))
+    half_way = car.boxes[-1, :2] + 6.0 / 2 * np.array(velocity)
+    (parked,) = cut(moving(2, half_way, (0, 0)), (109, 150))
+    assert len(join_fragments([car, parked])) == 2
+
+
 def test_a_track_that_begins_before_the_last_one_ends_goes_on():
     car = moving(1, (0, 0), (8, 0))
     (joined,) = join_fragments(cut(car, (0, 110), (100, 200)))
@@ -78,3 +88,20 @@ def test_second_tracks_of_one_body_are_left_out():
     shadow = part._replace(id=2, boxes=part.boxes + 0.5 * np.eye(7)[0])
     beside = part._replace(id=3, boxes=part.boxes + 2.5 * np.eye(7)[1])
     assert [user.id for user in join_fragments([shadow, car, beside])] == [1, 3]
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("ahead", "aside", "is_shadow"),
+    [(1.8, -0.7, True), (-1.8, 0.7, True), (2.7, 0.0, False), (0.0, 1.3, False)],
+)
+def test_a_shadow_is_within_the_length_and_width_of_a_turned_body(yaw, ahead, aside, is_shadow):
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    left = np.array([-np.sin(yaw), np.cos(yaw)])
+    car = moving(1, (0, 0), 8 * along)
+    car.boxes[:, 3:] = (4.5, 1.9, 1.5, yaw)
+    part = car.select(slice(50, 90))
+    boxes = part.boxes.copy()
+    boxes[:, :2] += ahead * along + aside * left
+    other = part._replace(id=2, boxes=boxes)
+    assert [user.id for user in join_fragments([car, other])] == ([1] if is_shadow else [1, 2])

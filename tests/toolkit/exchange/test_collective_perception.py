@@ -42,6 +42,8 @@ LABEL_OF_CLASS = {
     ("vruSubClass", ("pedestrian", 1)): "pedestrian",
     ("vruSubClass", ("bicyclistAndLightVruVehicle", 1)): "cyclist",
 }
+# a coordinate of ASN.1 in which no place 10 m away fits
+SMALL = "SEQUENCE { value INTEGER (-999..999), confidence INTEGER (1..4096) }"
 CONTAINERS = {
     2: "OriginatingRsuContainer",
     3: "SensorInformationContainer",
@@ -382,6 +384,12 @@ def test_a_place_at_the_date_line(tmp_path, modules):
         ("header ItsPduHeader,", "header ItsPduHeader", "is no folder of ASN.1 modules that can be"),
         ("Speed ::=", "Velocity ::=", "is no folder of ASN.1 modules that can be read"),
         ("objectId INTEGER (0..65535)", "objectId INTEGER (0..255)", "do not fit TS 103 324 V2.1.1"),
+        ("INTEGER (-131072..131071)", "INTEGER (0..131071)", "do not fit TS 103 324 V2.1.1"),
+        ("INTEGER (-131072..131071)", "INTEGER (-131072..0)", "do not fit TS 103 324 V2.1.1"),
+        *(
+            (f"{axis}Coordinate Coordinate", f"{axis}Coordinate {SMALL}", "do not fit TS 103 324 V2.1.1")
+            for axis in "xyz"
+        ),
         ("vruSubClass CHOICE", "walking CHOICE", "do not fit TS 103 324 V2.1.1"),
         ("xCoordinate Coordinate", "x Coordinate", "do not fit TS 103 324 V2.1.1"),
         ("OriginatingRsuContainer ::=", "Rsu ::=", "OriginatingRsuContainer"),

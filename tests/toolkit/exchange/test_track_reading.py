@@ -58,6 +58,24 @@ def test_what_other_programs_read_comes_back(tmp_path, name):
         assert np.allclose(frame.tracks.velocities[order], NOW.velocities)
 
 
+def test_a_cuboids_score_counts_if_its_object_has_none(tmp_path):
+    path = tmp_path / "tracks.json"
+    with open_writer("openlabel", path) as writer:
+        writer.write(Instant.from_tracks(0.0, NOW))
+    content = json.loads(path.read_text())
+    objects = content["openlabel"]["frames"]["0"]["objects"]
+    for track_id, score in (("7", 0.6), ("3", 0.2)):
+        data = objects[track_id]["object_data"]
+        data["cuboid"][0]["attributes"] = {"num": [{"name": "score", "val": score}]}
+    objects["7"]["object_data"].pop("num")
+    path.write_text(json.dumps(content))
+    (frame,) = read_track_file(path).frames
+    assert dict(zip(frame.tracks.ids.tolist(), frame.tracks.scores.tolist(), strict=True)) == {
+        7: 0.6,
+        3: 0.4,
+    }
+
+
 def test_axes_are_those_of_another_reader(tmp_path):
     """motrics has a box's centre in the camera's frame: x right, y down, z ahead."""
     motrics = pytest.importorskip("motrics")

@@ -21,7 +21,7 @@ from toolkit.exchange.instant import Instant
 from toolkit.exchange.standards import STANDARDS, find_standard, open_writer
 from toolkit.exchange.writer import nanoseconds
 from toolkit.frame import SensorCloud
-from toolkit.geometry import pose
+from toolkit.geometry import MAX_COORDINATE_M, pose
 from toolkit.objects import LABELS, Detections
 
 ORIGIN = GeoOrigin(48.137, 11.575, turn=0.4)
@@ -435,6 +435,12 @@ def test_what_an_instant_refuses(change, reason):
     fields = {"boxes": [[0, 0, 1, 4, 2, 1, 0]], "labels": [0], "scores": [0.5], "ids": [1]}
     with pytest.raises(ValueError, match=reason):
         Instant(0.0, **{name: np.array(value) for name, value in (fields | change).items()})
+
+
+def test_a_box_at_the_limit_of_maps_is_taken():
+    limit = MAX_COORDINATE_M
+    instant = Instant(0.0, np.array([[-limit, limit, 1, 4, 2, 1, 0]]), np.zeros(1), np.ones(1))
+    assert instant.boxes[0, :2].tolist() == [-limit, limit]
 
 
 def test_columns_of_other_shapes_are_refused():

@@ -67,3 +67,8 @@ def test_a_hidden_face_follows_from_the_opposite_one_and_the_size():
     assert combined[0, 1] == pytest.approx(0.05, abs=1e-3)
     scattered = combine_doubts(doubts, size_doubts, np.array([VEHICLE]), misfit=4 * usual)
     assert scattered[0, :2] == pytest.approx(2 * combined[0, :2], rel=0.02)
+
+
+def test_ends_grow_by_the_length_sides_by_the_width_and_the_top_by_the_height():
+    misfit = USUAL_MISFIT * np.array([[4.0, 9.0, 16.0]])
+    assert inflate_doubts(np.ones((1, 5)), misfit) == pytest.approx(np.array([[2, 2, 3, 3, 4]]))

@@ -45,7 +45,7 @@ def test_misses_and_ghosts_count():
 def test_without_truth_scores_are_undefined():
     found = score_pairs([pairs([], [0], [])])
     assert np.isnan([found.hota, found.mota, found.idf1]).all()
-    assert found.objects == 0
+    assert (found.objects, found.switches) == (0, 0)
 
 
 def random_frames(seed, frames, objects):

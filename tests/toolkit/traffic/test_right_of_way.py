@@ -123,6 +123,15 @@ def test_what_is_not_seen_does_not_count(occupancy):
     assert occupancy.find_conflict(size_boxes(before.poses, PERSON), -300) is None
 
 
+@pytest.mark.parametrize(("x", "is_taken"), [(4.0, True), (4.3, False)])
+def test_a_corner_within_the_gap_takes_a_place(occupancy, x, is_taken):
+    """The corners are 1.28 and 1.58 m apart; boxes widened by half of 1.5 m touch in both cases."""
+    occupancy.add(size_boxes(np.zeros((1, 3)), CAR), 0)
+    boxes = size_boxes(np.array([[x, 0.0, np.pi / 4]]), np.array([0.6, 0.6, 1.7]))
+    taken = occupancy.find_blocked(boxes[None], Moments(0, 1, 1), 1.5)
+    assert taken.tolist() == [[[is_taken]]]
+
+
 def test_taken_places_are_those_that_shapely_finds(occupancy):
     rng = np.random.default_rng(1)
     car = straight((-30, 3), (8, 1), 5, 70, size=CAR, label=VEHICLE)
