@@ -318,8 +318,8 @@ def _restart_sizes(
 ) -> TrackStates:
     """Return tracks, some of them with the size of their last detection.
 
-    A track that turns out to be of another class had boxes of that class, or of another body next
-    to it, such as the truck ahead of a car. Their sizes are not its size.
+    Before its class changed, a track may have had boxes around another body, such as the truck
+    ahead of a car. Their sizes are not its size.
 
     Args:
         tracks: Tracks.
