@@ -12,6 +12,7 @@ MIN_DETECTED_SHARE = 0.8
 MAX_GAP_FRAMES = 2  # of each gap that count; a long one is no flicker
 MAX_WEIGHED_HITS = 20  # detections of a track that count when two tracks are compared
 SAME_PERSON_IOU = 0.05  # above it, two people would stand in each other
+MAX_WALKING_M_S = 2.5  # of adults in a hurry (Bohannon, Age and Ageing 26, 1997)
 MAX_PERSON_REACH_M = 3.0  # distance of the centres of boxes that overlap so much
 
 
@@ -49,17 +50,22 @@ def weigh_tracks(
 
 
 def find_doubles(
-    boxes: BoxRows, labels: Int64[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]
+    boxes: BoxRows,
+    labels: Int64[np.ndarray, " n"],
+    weights: Float64[np.ndarray, " n"],
+    speeds: Float64[np.ndarray, " n"],
 ) -> Bool[np.ndarray, " n"]:
     """Mask of tracks at one instant that are in the place of a stronger one.
 
-    Only people and cyclists are compared. A pedestrian is never dropped for a cyclist, since a
-    detector that takes somebody on foot for a cyclist makes a larger box.
+    Only people and cyclists are compared. A pedestrian is not dropped for a cyclist, since a
+    detector that takes somebody on foot for a cyclist makes a larger box; but if both are faster
+    than people walk, they are one cyclist.
 
     Args:
         boxes: Box of each track.
         labels: Class of each.
-        weights: Weight of each, see `weigh_tracks`."""
+        weights: Weight of each, see `weigh_tracks`.
+        speeds: Speed of each (m/s)."""
     is_double = np.zeros(len(boxes), np.bool_)
     rows = np.flatnonzero((labels == PEDESTRIAN) | (labels == CYCLIST))
     if len(rows) < 2:
@@ -67,9 +73,14 @@ def find_doubles(
     x = boxes[rows, 0]
     y = boxes[rows, 1]
     is_rival = np.hypot(x[:, None] - x, y[:, None] - y) < MAX_PERSON_REACH_M
-    is_rival &= weights[rows][:, None] < weights[rows]
     is_walker = labels[rows] == PEDESTRIAN
-    is_rival &= ~is_walker[:, None] | is_walker
+    rides = speeds[rows] > MAX_WALKING_M_S
+    ride_together = rides[:, None] & rides
+    # from here on True at (i, j) if i is dropped for j
+    is_walker_for_cyclist = is_walker[:, None] & ~is_walker
+    is_dropped = weights[rows][:, None] < weights[rows]
+    is_dropped &= ~(is_walker_for_cyclist.T & ride_together)
+    is_rival &= np.where(is_walker_for_cyclist, ride_together, is_dropped)
     near = rows[is_rival.any(axis=0) | is_rival.any(axis=1)]
     if not len(near):
         return is_double

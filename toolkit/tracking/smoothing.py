@@ -132,7 +132,8 @@ def smooth_tracks(
         tracks = joined[first:last]
         track_hits = np.array([hits.get(name, 1) for name in tracks.ids.tolist()], np.int64)
         weights = weigh_tracks(tracks.scores, track_hits)
-        is_double = find_doubles(tracks.boxes, tracks.labels, weights)
+        speeds = np.hypot(tracks.velocities[:, 0], tracks.velocities[:, 1])
+        is_double = find_doubles(tracks.boxes, tracks.labels, weights, speeds)
         tracks_by_frame.append(tracks[~is_double] if is_double.any() else tracks)
     return tracks_by_frame
 
@@ -242,9 +243,12 @@ def _settle_track(
         usual_yaw, is_outlier = find_heading_outliers(yaw, times[track.frame])
         yaw = np.where(is_outlier, usual_yaw, yaw)
         doubts = np.where(is_outlier[:, None], OUTLIER_DOUBT * doubts, doubts)
-    weights = weigh_sizes(doubts)
-    size = estimate_size(track.boxes[:, 3:6], weights, label)
-    misfit = find_misfit(track.boxes[:, 3:6] - size, weights, label)[None]
+    # boxes of another class are not the size of this body; they may be of another one next to it
+    is_own_class = track.labels == label
+    weights = weigh_sizes(doubts[is_own_class])
+    measured_sizes = track.boxes[is_own_class, 3:6]
+    size = estimate_size(measured_sizes, weights, label)
+    misfit = find_misfit(measured_sizes - size, weights, label)[None]
     sizes = np.tile(size, (len(yaw), 1))
     course = MeasuredCourse(
         centres=anchor_centres(track.boxes, yaw, sizes, doubts),

@@ -245,7 +245,11 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     seconds = np.maximum(time - tracks.last_time, 1e-3)  # a step without time divides nothing
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
-    tracks = _correct_sizes(tracks, boxes[:, 3:6], doubts)
+    votes = tracks.votes.copy()
+    votes[np.arange(len(boxes)), detections.labels] += detections.scores
+    has_other_class = votes.argmax(axis=1) != tracks.label()
+    tracks = _correct_sizes(tracks._replace(votes=votes), boxes[:, 3:6], doubts)
+    tracks = _restart_sizes(tracks, boxes[:, 3:6], doubts, has_other_class)
     centre = anchor_centres(boxes, yaw, tracks.size, doubts)
     # Kalman's update by the anchored centre, which measures the first two parts of the motion
     noise = centre_covariance(yaw, inflate_doubts(doubts, tracks.misfit))
@@ -253,8 +257,6 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     innovation = (centre - tracks.motion[:, :2])[:, :, None]
     motion = tracks.motion + (gain @ innovation)[:, :, 0]
     covariance = tracks.covariance - gain @ tracks.covariance[:, :2]
-    votes = tracks.votes.copy()
-    votes[np.arange(len(boxes)), detections.labels] += detections.scores
     share = 1 / np.minimum(tracks.hits + 1, SCORE_MEMORY_HITS)  # of this detection in a mean
     floor = boxes[:, 2] - boxes[:, 5] / 2
     away = motion[:, :2] - tracks.first_place
@@ -264,7 +266,6 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         floor=tracks.floor + np.maximum(share, 0.2) * (floor - tracks.floor),
         yaw=yaw,
         yaw_rate=yaw_rate,
-        votes=votes,
         score=tracks.score + share * (detections.scores - tracks.score),
         hits=tracks.hits + 1,
         frames=tracks.frames + count_frames(tracks.missed_frames + 1),
@@ -306,6 +307,35 @@ def _correct_sizes(
         size_root=kept_share * tracks.size_root + np.sqrt(weight),
         max_weight=np.maximum(tracks.max_weight, weight),
         misfit=np.where(IS_RIGID[labels][:, None], misfit, USUAL_MISFIT),
+    )
+
+
+def _restart_sizes(
+    tracks: TrackStates,
+    sizes: Float64[np.ndarray, "m 3"],
+    doubts: Float64[np.ndarray, "m 5"],
+    is_restarted: Bool[np.ndarray, " m"],
+) -> TrackStates:
+    """Return tracks, some of them with the size of their last detection.
+
+    Before its class changed, a track may have had boxes around another body, such as the truck
+    ahead of a car. Their sizes are not its size.
+
+    Args:
+        tracks: Tracks.
+        sizes: Length, width and height of their last detections (m).
+        doubts: Expected errors of these detections' front, rear, left, right and top faces (m).
+        is_restarted: Mask of the tracks whose class has changed."""
+    if not is_restarted.any():
+        return tracks
+    weight = weigh_sizes(doubts)
+    is_restarted = is_restarted[:, None]
+    return tracks._replace(
+        size=np.where(is_restarted, sizes, tracks.size),
+        size_weight=np.where(is_restarted, weight, tracks.size_weight),
+        size_root=np.where(is_restarted, np.sqrt(weight), tracks.size_root),
+        max_weight=np.where(is_restarted, weight, tracks.max_weight),
+        misfit=np.where(is_restarted, USUAL_MISFIT, tracks.misfit),
     )
 
 

@@ -145,7 +145,8 @@ class Tracker:
         rows = np.flatnonzero(is_reported)
         weights = weigh_tracks(tracks.score, tracks.hits)
         boxes = make_track_boxes(tracks)
-        rows = rows[~find_doubles(boxes[rows], labels[rows], weights[rows])]
+        speeds = np.hypot(tracks.motion[:, 2], tracks.motion[:, 3])
+        rows = rows[~find_doubles(boxes[rows], labels[rows], weights[rows], speeds[rows])]
         tracks = tracks.select(rows)
         unseen = unseen[rows]
         fading = fading[rows]

@@ -284,6 +284,33 @@ def test_of_two_tracks_of_one_person_the_stronger_is_reported():
     assert len(follow(pairs)[20]) == 2
 
 
+def test_the_size_of_another_class_is_forgotten():
+    car = drive(1, speed=0.0)[0]
+    truck = car.copy()
+    truck[2:6] = (1.5, 6.0, 2.3, 3.0)
+    very_sure = np.full(5, 0.005)
+    frames = [seen(truck, label=HEAVY, score=0.5, doubts=very_sure) for _ in range(6)]
+    frames += [seen(car) for _ in range(10)]
+    for tracks in (follow(frames), smooth_tracks(frames, 0.1 * np.arange(16))):
+        assert tracks[15].ids.tolist() == [0]
+        assert tracks[15].labels.tolist() == [VEHICLE]
+        assert iou_3d(tracks[15].boxes, car[None])[0, 0] > 0.95
+
+
+@pytest.mark.parametrize(("speed", "label"), [(1.4, PEDESTRIAN), (4.0, CYCLIST)])
+def test_who_is_too_fast_to_walk_is_no_pedestrian(speed, label):
+    rider = drive(30, speed=speed, yaw=0.0)
+    rider[:, 3:6] = (1.6, 0.6, 1.6)
+    walker = rider.copy()
+    walker[:, 3:6] = (0.6, 0.6, 1.6)
+    frames = []
+    for box, short_box in zip(rider, walker, strict=True):
+        both = [seen(box, label=CYCLIST, score=0.5), seen(short_box, label=PEDESTRIAN, score=0.6)]
+        frames.append(Detections.merge(both))
+    for tracks in (follow(frames), smooth_tracks(frames, 0.1 * np.arange(30))):
+        assert tracks[20].labels.tolist() == [label]
+
+
 def test_a_child_in_the_place_of_a_hidden_adult_keeps_its_track():
     adult = stand(1, x=0.0, size=(0.6, 0.6, 2.0))[0]
     child = stand(1, x=0.5, size=(0.4, 0.4, 1.2))[0]
