@@ -106,7 +106,7 @@ def estimate_size(
 
 def doubt_sizes(
     weights: Float64[np.ndarray, "*n 3"], roots: Float64[np.ndarray, "*n 3"]
-) -> Float64[np.ndarray, "n 3"]:
+) -> Float64[np.ndarray, "*n 3"]:
     """Expected error (m) of means of sizes.
 
     Errors of a body's faces are alike from frame to frame, so no number of detections makes their
@@ -147,7 +147,7 @@ def find_inflation(misfit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n
 
 
 def inflate_doubts(
-    doubts: Float64[np.ndarray, "n 5"], misfit: Float64[np.ndarray, "n 3"]
+    doubts: Float64[np.ndarray, "n 5"], misfit: Float64[np.ndarray, "#n 3"]
 ) -> Float64[np.ndarray, "n 5"]:
     """Doubts times the factors of `find_inflation`: ends by the length's, sides by the width's."""
     return doubts * find_inflation(misfit)[:, _SIZE_OF_FACE]
@@ -155,15 +155,16 @@ def inflate_doubts(
 
 def combine_doubts(
     doubts: Float64[np.ndarray, "n 5"],
-    size_doubts: Float64[np.ndarray, "n 3"],
+    size_doubts: Float64[np.ndarray, "#n 3"],
     labels: Int64[np.ndarray, " n"],
     place_error: Float64[np.ndarray, " n"] | float = 0.0,
     *,
-    misfit: Float64[np.ndarray, "n 3"],
+    misfit: Float64[np.ndarray, "#n 3"],
 ) -> Float64[np.ndarray, "n 5"]:
     """Doubts of the faces of tracked bodies, whose size is known from all their detections.
 
-    A face that is not seen now follows from the opposite one and the size.
+    A face that is not seen now follows from the opposite one and the size. Rows may be of n bodies
+    or of n detections of one, whose size and misfit then have one row.
 
     Args:
         doubts: Expected error (m) of front, rear, left, right and top in a detection of each body.

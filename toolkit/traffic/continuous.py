@@ -54,7 +54,7 @@ class ContinuousTraffic:
     interval: float
     travellers: tuple[Traveller, ...]
     refused: int
-    parked_boxes: LevelBoxes
+    parked_boxes: Float64[np.ndarray, "p 7"]
     parked_ids: Int64[np.ndarray, " p"]
     parked_bodies: Int64[np.ndarray, " p"]
     begin: Int64[np.ndarray, " starts"]
