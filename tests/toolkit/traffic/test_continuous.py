@@ -154,7 +154,7 @@ def test_a_roundabout_with_two_lanes_carries_1200_vehicles_an_hour():
     for way in ways:
         if supply.labels[way.traveller.body] in (VEHICLE, HEAVY):
             speeds.append(np.hypot(*np.diff(way.poses[:, :2], axis=0).T) / FINE_STEP_S)
-    # a share of .12 to .19 stood with drivers who change lanes where nobody has to brake
+    # a share of .07 to .19 stood with drivers who change lanes where nobody has to brake
     assert (np.concatenate(speeds) < 0.3).mean() < 0.06
 
 
