@@ -145,6 +145,8 @@ def light() -> None:
         rounds=50,
     )
     _report("    suppression", lambda: suppress_boxes(*boxes, config, 0.1), rounds=50)
+    quick = detector.quick()  # as plans, searches and `evaluate` use it
+    _report(f"light, in {quick.numbers}", lambda: quick(points), rounds=50)
 
 
 def voxelisation() -> None:
