@@ -37,10 +37,11 @@ GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # pedestrians with 0, 1, 2, 3 companions
 COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next to each other
 MAX_QUEUE = 10  # road users who wait to come in at an entry, without a warning
 STEPS_BETWEEN_DETOURS = 10  # stuck drivers are looked for once a second
-# SUMO's drivers change lanes and enter only where nobody has to brake, and so fill a roundabout
-# that carries their number: these take gaps half as long, and enter as after 90 s of waiting
+# By default SUMO's drivers change lanes and enter a junction only if nobody has to brake, and they
+# jam roundabouts that could carry them. These change lanes into gaps half as long, and enter as
+# others do after 90 s of waiting.
 LANE_CHANGE_ASSERTIVENESS = 2.0
-IMPATIENCE = 0.5  # 0 to 1
+IMPATIENCE = 0.5  # 0 to 1, which SUMO's drivers reach after 180 s
 LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "pedestrian": (PEDESTRIAN,)}
 
 
