@@ -34,6 +34,6 @@ ImageVectors = Float32[np.ndarray, "rows columns 3"]
 Pose = Float[np.ndarray, "4 4"]  # target_SE3_source
 Points = Float[np.ndarray, "n 3"]  # m
 BoxRows = Float[np.ndarray, "n 7"]  # see `toolkit.boxes`
-FrameBoxes = Float[np.ndarray, "_ 7"]  # of one of several frames, as many as it has
+FrameBoxes = Float[np.ndarray, "_ 7"]  # of one of several frames that differ in number
 Mask = Bool[np.ndarray, " n"]
 Rng = np.random.Generator

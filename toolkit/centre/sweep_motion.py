@@ -53,8 +53,7 @@ def move_to_frame(frame: Frame, times_s: Float64[np.ndarray, " sensors"], tracks
 
 def select_moving(tracks: Tracks) -> Tracks:
     """Return the tracks that move."""
-    speeds = np.hypot(tracks.velocities[:, 0], tracks.velocities[:, 1])
-    return tracks[np.flatnonzero(speeds >= MIN_MOVING_M_S)]
+    return tracks[np.flatnonzero(tracks.speeds >= MIN_MOVING_M_S)]
 
 
 def point_ages(cloud: SensorCloud, last_age_s: float) -> Float64[np.ndarray, " n"]:

@@ -74,13 +74,13 @@ def find_doubles(
     y = boxes[rows, 1]
     is_rival = np.hypot(x[:, None] - x, y[:, None] - y) < MAX_PERSON_REACH_M
     is_walker = labels[rows] == PEDESTRIAN
-    rides = speeds[rows] > MAX_WALKING_M_S
-    ride_together = rides[:, None] & rides
-    # from here on True at (i, j) if i is dropped for j
-    is_walker_for_cyclist = is_walker[:, None] & ~is_walker
+    is_mixed = is_walker[:, None] != is_walker
+    is_fast = speeds[rows] > MAX_WALKING_M_S
+    is_one_cyclist = is_mixed & is_fast[:, None] & is_fast
+    # True at (i, j) if i is dropped for j
     is_dropped = weights[rows][:, None] < weights[rows]
-    is_dropped &= ~(is_walker_for_cyclist.T & ride_together)
-    is_rival &= np.where(is_walker_for_cyclist, ride_together, is_dropped)
+    is_dropped &= ~(is_mixed & is_walker[:, None])
+    is_rival &= np.where(is_one_cyclist, is_walker[:, None], is_dropped)
     near = rows[is_rival.any(axis=0) | is_rival.any(axis=1)]
     if not len(near):
         return is_double

@@ -132,8 +132,7 @@ def smooth_tracks(
         tracks = joined[first:last]
         track_hits = np.array([hits.get(name, 1) for name in tracks.ids.tolist()], np.int64)
         weights = weigh_tracks(tracks.scores, track_hits)
-        speeds = np.hypot(tracks.velocities[:, 0], tracks.velocities[:, 1])
-        is_double = find_doubles(tracks.boxes, tracks.labels, weights, speeds)
+        is_double = find_doubles(tracks.boxes, tracks.labels, weights, tracks.speeds)
         tracks_by_frame.append(tracks[~is_double] if is_double.any() else tracks)
     return tracks_by_frame
 

@@ -128,6 +128,10 @@ class TrackStates(NamedTuple):
         """Select tracks by row numbers or a mask."""
         return TrackStates(*(column[rows] for column in self))
 
+    def speeds(self) -> Float64[np.ndarray, " m"]:
+        """Speed of each track (m/s)."""
+        return np.hypot(self.motion[:, 2], self.motion[:, 3])
+
     def label(self) -> Int64[np.ndarray, " m"]:
         """Class of each track: the one with the most votes."""
         return self.votes.argmax(axis=1)
@@ -158,7 +162,7 @@ def join_tracks(first: TrackStates, second: TrackStates) -> TrackStates:
 
 def is_standing(tracks: TrackStates) -> Bool[np.ndarray, " m"]:
     """Mask of tracks that hardly move."""
-    return np.hypot(tracks.motion[:, 2], tracks.motion[:, 3]) < STANDING_M_S
+    return tracks.speeds() < STANDING_M_S
 
 
 def make_track_boxes(tracks: TrackStates) -> BoxRows:
@@ -247,8 +251,10 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
     votes = tracks.votes.copy()
     votes[np.arange(len(boxes)), detections.labels] += detections.scores
-    has_other_class = votes.argmax(axis=1) != tracks.label()
-    tracks = _correct_sizes(tracks._replace(votes=votes), boxes[:, 3:6], doubts)
+    labels_before = tracks.label()
+    tracks = tracks._replace(votes=votes)
+    has_other_class = tracks.label() != labels_before
+    tracks = _correct_sizes(tracks, boxes[:, 3:6], doubts)
     tracks = _restart_sizes(tracks, boxes[:, 3:6], doubts, has_other_class)
     centre = anchor_centres(boxes, yaw, tracks.size, doubts)
     # Kalman's update by the anchored centre, which measures the first two parts of the motion

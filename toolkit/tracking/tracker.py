@@ -145,8 +145,8 @@ class Tracker:
         rows = np.flatnonzero(is_reported)
         weights = weigh_tracks(tracks.score, tracks.hits)
         boxes = make_track_boxes(tracks)
-        speeds = np.hypot(tracks.motion[:, 2], tracks.motion[:, 3])
-        rows = rows[~find_doubles(boxes[rows], labels[rows], weights[rows], speeds[rows])]
+        speeds = tracks.speeds()[rows]
+        rows = rows[~find_doubles(boxes[rows], labels[rows], weights[rows], speeds)]
         tracks = tracks.select(rows)
         unseen = unseen[rows]
         fading = fading[rows]

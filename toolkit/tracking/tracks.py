@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.arrays import Shaped
+from toolkit.arrays import Float64, Shaped
 from toolkit.frozen import set_fields
 from toolkit.objects import Detections
 
@@ -50,6 +50,11 @@ class Tracks(Detections):
             if column.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {column.shape}")
         set_fields(self, **columns)
+
+    @property
+    def speeds(self) -> Float64[np.ndarray, " n"]:
+        """Horizontal speed of each track (m/s)."""
+        return np.hypot(self.velocities[:, 0], self.velocities[:, 1])
 
     @staticmethod
     def empty() -> "Tracks":
