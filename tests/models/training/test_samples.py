@@ -257,7 +257,7 @@ def test_an_example_depends_on_epoch_and_frame_alone(packed, recipe):
     assert not same(first, Samples(packed, CONFIG, recipe, seed=4)[1, 4])
 
 
-@pytest.mark.slow  # in a process that has run thousands of tests, the loader's end ends it
+@pytest.mark.slow  # a worker of whole runs has ended in it without a word
 def test_batches_of_any_worker_equal_their_items(packed):
     samples = Samples(packed, CONFIG, RECIPES[0], seed=0)
     steps = [[(0, 0), (0, 3)], [(1, 2), (1, 5)]]
