@@ -2,11 +2,22 @@
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Bool, Float64
 
 # by class of `LABELS`: vehicle, cyclist, pedestrian, heavy
 ACCELERATIONS_M_S2 = np.array([3.0, 3.0, 2.0, 2.0])  # standard deviation, from step to step
 FIRST_SPEEDS_M_S = np.array([9.0, 5.0, 1.5, 8.0])  # standard deviation, of a new track
+MIN_RIDDEN_M = 3.0  # way on which a mean speed is judged
+MAX_RUNNING_M_S = 4.0  # mean speed of people on foot in a street, faster than they jog
+
+
+def is_too_fast_to_run(
+    walked_m: Float64[np.ndarray, " n"], seconds: Float64[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"]:
+    """Mask of ways that nobody covers on foot.
+
+    walked_m: distance (m) from the first place of each; seconds: time since then."""
+    return (walked_m > MIN_RIDDEN_M) & (walked_m > MAX_RUNNING_M_S * seconds)
 
 
 def constant_velocities(

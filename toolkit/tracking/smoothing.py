@@ -12,7 +12,7 @@ import numpy as np
 
 from toolkit.arrays import BoxRows, Float64, Int64
 from toolkit.geometry import smooth_rows
-from toolkit.objects import LABELS, PEDESTRIAN, Detections
+from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.face_doubts import (
     USUAL_MISFIT,
     anchor_centres,
@@ -29,6 +29,7 @@ from toolkit.tracking.face_doubts import (
 )
 from toolkit.tracking.false_tracks import count_frames, find_doubles, is_flickering, weigh_tracks
 from toolkit.tracking.headings import find_heading_outliers, keep_near_course, settle_heading
+from toolkit.tracking.motion_model import is_too_fast_to_run
 from toolkit.tracking.motion_smoothing import MeasuredCourse, smooth_motions
 from toolkit.tracking.track_states import has_evidence
 from toolkit.tracking.tracker import TENTATIVE_SCORE, Tracker
@@ -37,6 +38,7 @@ from toolkit.tracking.tracks import Tracks
 YAW_SMOOTHING_S = 0.25  # standard deviation of the mean over time
 FILLED_SHARE = 0.7  # score of a box that fills a gap, per score of the track
 OUTLIER_DOUBT = 5.0  # factor of the doubts of a detection that cannot face so
+MIN_FAST_DETECTIONS = 10  # that show a way too fast for a runner; fewer may be another body's
 
 
 class _TrackDetections(NamedTuple):
@@ -235,7 +237,7 @@ def _settle_track(
         times: Time of each frame of the recording (s)."""
     first = int(track.frame[0])
     frames = np.arange(first, int(track.frame[-1]) + 1)
-    label = int(np.bincount(track.labels, track.scores, len(LABELS)).argmax())
+    label = _settle_class(track, times)
     yaw = settle_heading(track.boxes, track.scores, times[track.frame])
     doubts = turn_faces(track.doubts, np.cos(track.boxes[:, 6] - yaw) < 0)
     if label != PEDESTRIAN:
@@ -244,6 +246,8 @@ def _settle_track(
         doubts = np.where(is_outlier[:, None], OUTLIER_DOUBT * doubts, doubts)
     # boxes of another class are not the size of this body; they may be of another one next to it
     is_own_class = track.labels == label
+    if not is_own_class.any():
+        is_own_class[:] = True
     weights = weigh_sizes(doubts[is_own_class])
     measured_sizes = track.boxes[is_own_class, 3:6]
     size = estimate_size(measured_sizes, weights, label)
@@ -268,6 +272,19 @@ def _settle_track(
         misfit=misfit,
         course=course,
     )
+
+
+def _settle_class(track: _TrackDetections, times: Float64[np.ndarray, " frames"]) -> int:
+    """Class of a track by the scores of its detections; who is too fast to run rides a bicycle.
+
+    track: its detections; times: time of each frame of the recording (s)."""
+    label = int(np.bincount(track.labels, track.scores, len(LABELS)).argmax())
+    if label != PEDESTRIAN:
+        return label
+    away = track.boxes[:, :2] - track.boxes[0, :2]
+    seconds = times[track.frame] - times[track.frame[0]]
+    is_too_fast = is_too_fast_to_run(np.hypot(away[:, 0], away[:, 1]), seconds)
+    return CYCLIST if is_too_fast.sum() >= MIN_FAST_DETECTIONS else PEDESTRIAN
 
 
 def _is_fixed(settled: _Settled, motion: Float64[np.ndarray, "f 4"]) -> bool:

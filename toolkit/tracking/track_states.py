@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
-from toolkit.objects import LABELS, Detections
+from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.face_doubts import (
     IS_RIGID,
     LONGER_WEIGHTS,
@@ -20,7 +20,12 @@ from toolkit.tracking.face_doubts import (
     weigh_sizes,
 )
 from toolkit.tracking.false_tracks import count_frames
-from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
+from toolkit.tracking.motion_model import (
+    ACCELERATIONS_M_S2,
+    FIRST_SPEEDS_M_S,
+    constant_velocities,
+    is_too_fast_to_run,
+)
 
 # largest weight of a size, in weights of its surest detection: so earlier detections fade, such as
 # those at the border of the area, which look surer than they are
@@ -34,6 +39,9 @@ STANDING_M_S = 0.5
 SCORE_MEMORY_HITS = 8.0  # detections over which a score is averaged
 YAW_GAIN = 0.55  # share of the difference to a detection's yaw that is taken over
 YAW_RATE_GAIN = 0.12
+# a bicycle with its rider; a pedestrian's box holds a part of both
+USUAL_RIDER_SIZE_M = np.array([1.75, 0.6, 1.7])  # length, width, height
+RIDER_WEIGHT_SHARE = 0.1  # share of the weight of that box that this usual size has
 MIN_HEADED_M_S = 1.5  # faster, the motion of a vehicle or cyclist says where its front is
 
 
@@ -282,7 +290,28 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         last_time=np.full(len(boxes), time),
         detection=detections.rows,
     )
-    return _turn_round(corrected)
+    return _turn_round(_recognise_riders(corrected))
+
+
+def _recognise_riders(tracks: TrackStates) -> TrackStates:
+    """Return tracks, with those of pedestrians who are faster than people run as cyclists.
+
+    A detector often takes a rider who is seen from ahead or behind for a pedestrian. The track's
+    mean speed from its first place tells, in which errors of single places hardly count."""
+    seconds = tracks.last_time - tracks.first_time
+    is_rider = (tracks.label() == PEDESTRIAN) & is_too_fast_to_run(tracks.walked_m, seconds)
+    if not is_rider.any():
+        return tracks
+    votes = tracks.votes.copy()
+    votes[is_rider, CYCLIST] += votes[is_rider, PEDESTRIAN]
+    votes[is_rider, PEDESTRIAN] = 0.0
+    weight_share = np.where(is_rider, RIDER_WEIGHT_SHARE, 1.0)[:, None]
+    return tracks._replace(
+        votes=votes,
+        size=np.where(is_rider[:, None], USUAL_RIDER_SIZE_M, tracks.size),
+        size_weight=weight_share * tracks.size_weight,
+        size_root=np.sqrt(weight_share) * tracks.size_root,
+    )
 
 
 def _correct_sizes(

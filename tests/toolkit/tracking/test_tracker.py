@@ -311,6 +311,23 @@ def test_who_is_too_fast_to_walk_is_no_pedestrian(speed, label):
         assert tracks[20].labels.tolist() == [label]
 
 
+@pytest.mark.parametrize(("speed", "label"), [(3.0, PEDESTRIAN), (5.0, CYCLIST)])
+def test_a_pedestrian_who_is_faster_than_people_run_is_a_cyclist(speed, label):
+    walker = drive(30, speed=speed, yaw=0.0)
+    walker[:, 3:6] = (0.6, 0.6, 1.7)
+    frames = [seen(box, label=PEDESTRIAN, doubts=np.full(5, 0.1)) for box in walker]
+    tracks = follow(frames)
+    assert tracks[4].labels.tolist() == [PEDESTRIAN]  # on a metre or two nobody can tell
+    first = next(k for k, frame in enumerate(tracks) if frame.labels[0] == label)
+    assert first == (0 if label == PEDESTRIAN else 7)  # after more than 3 m
+    assert tracks[29].labels.tolist() == [label]
+    assert tracks[29].ids.tolist() == tracks[4].ids.tolist()
+    # a bicycle's length before a box of a cyclist was seen
+    assert tracks[first].boxes[0, 3] == pytest.approx(0.6 if label == PEDESTRIAN else 1.75)
+    offline = smooth_tracks(frames, 0.1 * np.arange(30))
+    assert {frame.labels[0] for frame in offline} == {label}
+
+
 def test_a_child_in_the_place_of_a_hidden_adult_keeps_its_track():
     adult = stand(1, x=0.0, size=(0.6, 0.6, 2.0))[0]
     child = stand(1, x=0.5, size=(0.4, 0.4, 1.2))[0]
