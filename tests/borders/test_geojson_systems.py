@@ -85,7 +85,7 @@ def test_a_feature_without_a_place_is_left_out_and_counted(tmp_path: Path):
 
 def area(x: float, y: float, kind: str = "Polygon", *, swap: bool = False):
     """A square of 5 m as a feature; of another kind, its outline."""
-    corners = np.add([[0, 0], [5, 0], [5, 5], [0, 5], [0, 0]], [x, y])
+    corners = np.add([[0.0, 0.0], [5, 0], [5, 5], [0, 5], [0, 0]], [x, y])
     ring = inverse_project(corners, CENTRE)[:, :: -1 if swap else 1].tolist()
     geometry = {"type": kind, "coordinates": [ring] if kind == "Polygon" else ring}
     return {"type": "Feature", "properties": {}, "geometry": geometry}
