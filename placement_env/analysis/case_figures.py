@@ -46,17 +46,17 @@ class CaseFigures:
     @classmethod
     def from_ap(
         cls,
-        ap: Float64[np.ndarray, "*cases n"],
-        kbit: Float64[np.ndarray, "*cases n"] | float,
-        resamples: Float64[np.ndarray, "*cases n resamples"],
+        ap: Float64[np.ndarray, "*cases"],
+        kbit: Float64[np.ndarray, "*cases"] | float,
+        resamples: Float64[np.ndarray, "*cases resamples"],
         *,
         objects: int = 0,
         frames: int = 0,
     ) -> "CaseFigures":
         """Return figures without recall and precision.
 
-        ap: AP of each of n sets; kbit: data of all their sensors per frame; resamples: resampled
-        APs of each set; objects, frames: numbers behind each AP."""
+        ap: AP of each set; kbit: data of all its sensors per frame; resamples: resampled APs of
+        each set; objects, frames: numbers behind each AP."""
         values = np.full((*ap.shape, RESAMPLE_COLUMNS.start + resamples.shape[-1]), np.nan)
         values[..., AP_COLUMN] = ap
         values[..., COUNT_COLUMNS] = objects, frames

@@ -27,7 +27,7 @@ def write(folder: Path, *features, **members) -> Path:
 
 
 def pole(x: float, y: float, *more: float, swap: bool = False, **properties):
-    longitude, latitude = inverse_project(np.array([[x, y]]), CENTRE)[0].tolist()
+    longitude, latitude = inverse_project(np.array([[x, y]], float), CENTRE)[0].tolist()
     at = [latitude, longitude] if swap else [longitude, latitude]
     return {
         "type": "Feature",
@@ -85,7 +85,7 @@ def test_a_feature_without_a_place_is_left_out_and_counted(tmp_path: Path):
 
 def area(x: float, y: float, kind: str = "Polygon", *, swap: bool = False):
     """A square of 5 m as a feature; of another kind, its outline."""
-    corners = np.add([[0, 0], [5, 0], [5, 5], [0, 5], [0, 0]], [x, y])
+    corners = np.add([[0.0, 0], [5, 0], [5, 5], [0, 5], [0, 0]], [x, y])
     ring = inverse_project(corners, CENTRE)[:, :: -1 if swap else 1].tolist()
     geometry = {"type": kind, "coordinates": [ring] if kind == "Polygon" else ring}
     return {"type": "Feature", "properties": {}, "geometry": geometry}
@@ -103,7 +103,7 @@ def test_areas_elsewhere_do_not_bar_nothing_in_silence(tmp_path: Path):
     ):
         load_keep_out(write(tmp_path, area(9000, 0)), SITE)
     flat = area(0, 0)
-    line = inverse_project(np.array([[0, 0], [5, 0], [9, 0], [0, 0]]), CENTRE).tolist()
+    line = inverse_project(np.array([[0.0, 0], [5, 0], [9, 0], [0, 0]]), CENTRE).tolist()
     flat["geometry"]["coordinates"] = [line]
     with pytest.raises(ValueError, match="has no area"):
         load_keep_out(write(tmp_path, flat), SITE)

@@ -66,6 +66,8 @@ def test_defaults_of_new_entries_are_left_out():
 
 def test_anchors_are_selected_in_order():
     assert select_anchors(("pedestrian", "vehicle")) == (ROAD_USERS[3], ROAD_USERS[0])
+    every = select_anchors(("pedestrian", "cyclist", "heavy", "vehicle"))
+    assert every == ROAD_USERS[::-1]
     for wrong in (("tram",), (), ("vehicle", "vehicle")):
         with pytest.raises(
             ValueError,

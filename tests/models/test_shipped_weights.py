@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from models.config import SHIPPED
-from models.detector_loading import load_detector
+from models.detector_loading import load_detector, load_site_detector
 from models.weight_files import load_weights
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.comparison import Comparison
 from toolkit.detection.evaluation import evaluate_recording
 from toolkit.runtime.run import Run
+from toolkit.sites.files import load_site
 
 
 @pytest.mark.parametrize(
@@ -23,6 +24,18 @@ def test_the_header_says_where_they_come_from(path):
     assert header.site == path.stem
     assert len(header.commit) >= 7
     assert header.ap["AP@0.7"] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("site", "network"),
+    [("tjunction", "tjunction"), ("roundabout", "roundabout"), ("mill-road", "general")],
+)
+def test_a_site_without_a_network_gets_the_general_one(site, network):
+    has_network = site == network
+    area = load_site(site).area if has_network else (-20.0, -16.0, 20.0, 16.0)
+    detector = load_site_detector(site, area)
+    assert detector.name == network
+    assert tuple(detector.area) == tuple(area)
 
 
 def street(seed=0, cars=8, half=18.0):

@@ -90,6 +90,14 @@ def test_cars_on_a_border_are_found_once_even_if_blocks_disagree(quartered, limi
         assert 1 <= len(found) == len(kept)
 
 
+def test_only_blocks_of_the_area_are_detected_in(quartered, spy):
+    """The area ends at 40 m, nearer than a centre may be to points of its body."""
+    wide, _ = quartered
+    blocks = spy(module, "collate")
+    assert len(wide(draw_car(np.random.default_rng(0), 35.0, 35.0))) == 1
+    assert len(blocks) == 1
+
+
 def test_few_points_in_a_wide_area_take_little():
     wide = load_detector("general", area=(-600.0, -580.0, 600.0, 580.0))
     cloud = cars(np.random.default_rng(1), 300, 320, 3)

@@ -25,7 +25,7 @@ _TRUST = 0.2  # weight, in cells, of the surface drawn so far
 def draw_levels(
     main: HeightMap,
     cells: Float64[np.ndarray, "n 3"],
-    followed: list[Int64[np.ndarray, " k"]],
+    followed: list[Int64[np.ndarray, " _"]],
     links: LinkedCells,
 ) -> HeightMap:
     """Draw each level through its cells, the main ground through the others, and join them.

@@ -55,7 +55,7 @@ def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[Ground
     shares = squares.count_near(numbers, count) / max(1, len(points))
     has_ground_below = squares.least < main_height + ON_GROUND_M
     levels: list[GroundLevel] = []
-    followed_rows: list[Int64[np.ndarray, " k"]] = []
+    followed_rows: list[Int64[np.ndarray, " _"]] = []
     for number, share in enumerate(shares.tolist()):
         rows = np.flatnonzero(numbers == number)
         is_ground = linked_cells.is_ground(rows, above[rows], has_ground_below[rows])

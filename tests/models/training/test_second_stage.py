@@ -267,9 +267,8 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(detect_by, pac
     network = fit_calibration(VoxelNet(make_config(AREA, "fast")), packed)
     at = VoxelNetDetector(network)
     known = KnownBackground(at, Background.learn(np.zeros((1, 3))))
-    found = known._drop_background(
-        left[0], left[0].boxes[:, :3] + [0, 0, 0.3], left[0].boxes[:, :3] + [0, 0, 0.3]
-    )
+    points = left[0].boxes[:, :3] + [0, 0, 0.3]
+    found = known._drop_background(left[0], points, np.ones(len(points), np.bool_))
     assert len(found) == 100
     assert found.scores == pytest.approx(1.0, abs=0.05)
     assert at.score_known(Detections.empty()).scores.size == 0
@@ -380,7 +379,8 @@ def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeyp
     )
     left = detector.score_known(found)
     assert left.boxes.tolist() == boxes[[0, 2]].tolist()
-    assert left.scores == pytest.approx([sigmoid(logit(0.6) + 1.0), 0.47])
+    odds = 0.6 / 0.4 * np.e  # the intercept of 1 multiplies them by e
+    assert left.scores == pytest.approx([odds / (1 + odds), 0.47])
     asked = VoxelNetDetector(network, score_threshold=0.01)
     assert asked.at_known_site().thresholds == (0.01, 0.01)
     assert len(asked.score_known(found)) == 4

@@ -95,7 +95,8 @@ class Reader:
     digest = "reader"
 
     def __call__(self, points):
-        return Detections(np.array([place(x, y) for x, y, _ in points]), np.ones(len(points)))
+        boxes = np.array([place(x, y) for x, y, _ in points]).reshape(-1, 7)
+        return Detections(boxes, np.ones(len(points)))
 
 
 def test_a_queue_does_not_decide_which_set_is_best(tmp_path):

@@ -116,6 +116,7 @@ def test_every_key_is_read(tmp_path):
         ("", "[replay]\nspeed = 0\n", "replay.speed must be from 0.001 to 1000"),
         ("", '[[sensor]]\nname = "a"\npose = [1, 2]\n', "sensor\\[0\\].pose must be"),
         ("", '[[sensor]]\nname = "a"\n[[sensor]]\nname = "a"\n', "is there twice"),
+        ("", '[[sensor]]\nname = "a"\noffset = 1\n', "sensor\\[0\\].offset is unknown"),
         ("", '[output]\nfolder = "o"\nto = ["csv"]\n', "no writer 'csv'"),
         ("", '[place]\nlevel = "hill"\n', "place.level must be one of map, plane, none"),
         ("", '[[input]]\nkind = "junction"\nsite = "x"\n', "sets the clock"),

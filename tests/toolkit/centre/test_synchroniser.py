@@ -3,14 +3,21 @@
 import numpy as np
 import pytest
 
+from toolkit.centre.centre_run import CentreParts
+from toolkit.centre.detection_pool import Detection
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.synchroniser import Synchroniser
+from toolkit.objects import Detections
 
 IMAGE = np.zeros((2, 2), np.float32)
 
 
 def message(sensor, time_s, arrival_s=None):
     return SensorMessage(sensor, time_s, time_s if arrival_s is None else arrival_s, IMAGE)
+
+
+def detect_nothing(points):
+    return Detections.empty()
 
 
 def members(groups):
@@ -34,6 +41,14 @@ def test_a_missing_sensor_is_waited_for_a_while_only():
     synchroniser.add(message("b", 1.0, 1.06))
     assert synchroniser.late == {"b": 1}
     assert synchroniser.take(2.0, "ab") == []
+
+
+def test_a_centre_waits_half_an_interval_longer_than_its_sensors_are_apart():
+    parts = CentreParts((), Detection(detect_nothing), interval_s=0.1, spread_s=0.06)
+    synchroniser = parts.make_synchroniser()
+    synchroniser.add(message("a", 1.0))
+    assert synchroniser.take(1.1, "ab") == []
+    assert members(synchroniser.take(1.12, "ab")) == ["a"]  # 1 + .06 + .1 / 2 is over
 
 
 def test_a_sensor_that_has_gone_on_is_not_waited_for():

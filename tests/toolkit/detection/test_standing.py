@@ -1,6 +1,8 @@
 """What stands in most frames is left out; what moves, waits or is seen by a moving sensor is
 not."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,20 @@ def test_a_sure_vehicle_may_wait_in_a_short_recording(score, step_s, kept):
     scene = learn_standing_scene(seen)
     found = list(detect_frames(seen, Both(score, waits=True), Place("none"), scene))
     assert {len(each.detections) for each in found} == {kept}
+
+
+def test_a_scene_reaches_one_voxel_over_each_face():
+    """Noise puts a point near a face into the next voxel, 0.25 m wide."""
+    points = np.array([[0, 0, 0], [0, 0, 5], [0, 0, 10]], np.float32)
+    cloud = SensorCloud("lidar", points, np.eye(4))
+    seen = [Frame.of_clouds(str(k), (cloud,), Objects.empty(), time=10.0 * k) for k in range(10)]
+    scene = learn_standing_scene(seen)
+    # a voxel has a corner at the median of the points, so the highest point is at one as well
+    middle = np.array([0.125, 0.125, 10.125])
+    steps = np.array(list(product((-1, 0, 1), repeat=3)))
+    step_count = np.abs(steps).sum(axis=1)
+    assert scene.holds(middle + 0.25 * steps).tolist() == (step_count <= 1).tolist()
+    assert not scene.holds(middle + 0.5 * steps[step_count == 1]).any()
 
 
 def test_moving_and_turning_sensors_and_few_frames_have_no_scene():

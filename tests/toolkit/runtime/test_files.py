@@ -153,6 +153,17 @@ def test_what_a_killed_process_left_is_taken_over_but_not_what_is_being_written(
     assert sorted(each.name for each in tmp_path.iterdir()) == [".mine", "file"]
 
 
+def test_without_locks_what_another_writer_may_hold_is_left_to_it(tmp_path, fail):
+    """Some network disks have no locks."""
+    (tmp_path / ".file.0.unfinished").write_text("another's")
+    fail("fcntl", "flock", OSError(errno.ENOLCK, "No locks available"))
+    writing.write_text(tmp_path / "file", "new")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        ".file.0.unfinished": "another's",
+        "file": "new",
+    }
+
+
 def test_the_file_that_the_next_writer_begins_is_left_to_it(tmp_path, monkeypatch):
     path = tmp_path / "file"
     descriptors = []
@@ -295,6 +306,15 @@ def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
 
 
 ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty": np.zeros((0, 7))}
+
+
+def test_a_pipe_is_read_to_its_end(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    content = bytes(range(256)) * 8192  # 2 MiB, of which a pipe holds a part at a time
+    writer = threading.Thread(target=(tmp_path / "pipe").write_bytes, args=(content,), daemon=True)
+    writer.start()
+    assert reading.read_bytes(tmp_path / "pipe") == content
+    writer.join()
 
 
 def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, limits):

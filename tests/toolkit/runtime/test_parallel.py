@@ -289,11 +289,15 @@ def test_wrong_numbers_and_missing_ray_are_told_in_one_line(without_packages):
         next(spread(square, [1], ray="auto"))
 
 
-def test_a_cluster_that_does_not_answer_is_told_in_one_line():
+def test_a_cluster_that_does_not_answer_is_told_in_one_line_and_soon(spy):
     pytest.importorskip("ray")
+    connections = spy("socket", "create_connection")
     with pytest.raises(ConnectionError, match="ray start --head") as error:
         next(spread(square, [1], ray="127.0.0.1:1"))
     assert "\n" not in str(error.value)
+    (connection,) = connections
+    assert connection.args == (("127.0.0.1", 1),)
+    assert 0 < connection.named["timeout"] <= 10  # s; an address may also be silent
 
 
 @dataclass

@@ -162,6 +162,21 @@ def test_plans_are_the_runs_own_one_at_a_time(tmp_path):
         pass
 
 
+def test_a_lock_leaves_shards_only(tmp_path):
+    parts = ShardFolder(tmp_path / "empty.parts", {"seed": 1})
+    with parts.lock():
+        assert parts.path.is_dir()
+    assert not parts.path.exists()
+    parts = folder(tmp_path)
+    with parts.lock():
+        parts.add(0, b"1")
+    # 83dcefb7 is the CRC-32 of the character 1
+    assert sorted(path.name for path in parts.path.iterdir()) == [
+        "00000.83dcefb7.hdf5",
+        "plan.json",
+    ]
+
+
 def test_a_full_disk_says_what_is_safe(tmp_path):
     parts = folder(tmp_path)
     parts.add(0, b"1")

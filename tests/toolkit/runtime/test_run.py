@@ -25,10 +25,18 @@ def test_fields_are_checked(fields, message):
         Run(**fields)
 
 
-@pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
-def test_a_cluster_needs_ray():
+def test_a_cluster_needs_ray(without_packages):
+    without_packages("ray")
     with pytest.raises(ImportError, match=r"pip install coview\[scale\]"):
         Processes(ray="local")
+    assert Processes(workers=2).count == 2  # processes of this machine do not
+
+
+@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
+def test_a_cluster_is_taken_with_ray():
+    run = Processes(ray="local")
+    assert run.ray == "local"
+    assert not run.has_one_process
 
 
 def test_work_is_done_in_order_by_as_many_workers():
