@@ -6,8 +6,9 @@ from scipy.stats import expectile
 
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.tracking.face_doubts import (
-    LONGER_WEIGHTS,
+    LARGER_WEIGHTS,
     USUAL_MISFIT,
+    calibrate_doubts,
     combine_doubts,
     doubt_sizes,
     estimate_size,
@@ -25,13 +26,15 @@ def measured():
     return sizes, weigh_sizes(rng.uniform(0.02, 0.4, (40, 5)))
 
 
-def test_lengths_of_long_bodies_are_an_expectile_and_others_means(measured):
+def test_lengths_and_heights_of_long_bodies_are_expectiles_and_others_means(measured):
     sizes, weights = measured
     mean = np.average(sizes, axis=0, weights=weights)
     assert estimate_size(sizes, weights, VEHICLE) == pytest.approx(mean)
-    longer = LONGER_WEIGHTS[HEAVY]
-    length = expectile(sizes[:, 0], longer / (1 + longer), weights=weights[:, 0])
-    assert estimate_size(sizes, weights, HEAVY) == pytest.approx([length, *mean[1:]], abs=1e-3)
+    share = LARGER_WEIGHTS[HEAVY] / (1 + LARGER_WEIGHTS[HEAVY])
+    length = expectile(sizes[:, 0], share, weights=weights[:, 0])
+    height = expectile(sizes[:, 2], share, weights=weights[:, 2])
+    size = estimate_size(sizes, weights, HEAVY)
+    assert size == pytest.approx([length, mean[1], height], abs=1e-3)
 
 
 def test_no_number_of_like_detections_makes_a_size_surer(measured):
@@ -67,6 +70,24 @@ def test_a_hidden_face_follows_from_the_opposite_one_and_the_size():
     assert combined[0, 1] == pytest.approx(0.05, abs=1e-3)
     scattered = combine_doubts(doubts, size_doubts, np.array([VEHICLE]), misfit=4 * usual)
     assert scattered[0, :2] == pytest.approx(2 * combined[0, :2], rel=0.02)
+
+
+def test_a_hidden_end_of_a_truck_is_doubted_more_than_one_of_a_car():
+    doubts = np.array([[0.01, 0.12, 0.02, 0.02, 0.05]] * 2)
+    labels = np.array([VEHICLE, HEAVY])
+    car, truck = calibrate_doubts(doubts, labels)
+    assert car.tolist() == doubts[0].tolist()
+    assert truck[[0, 2, 3]] == pytest.approx(doubts[0, [0, 2, 3]], rel=0.1)
+    assert truck[1] == pytest.approx(0.47, abs=0.01)
+    usual = np.full((2, 3), USUAL_MISFIT)
+    # hidden ends follow from lengths that are as unsure
+    size_doubts = np.array([[0.12, 0.03, 0.05]] * 2)
+    car, truck = combine_doubts(doubts, size_doubts, labels, misfit=usual)
+    assert car[1] == pytest.approx(0.12, abs=0.01)
+    assert truck[1] == pytest.approx(0.47, abs=0.01)
+    # one size for all detections of one body
+    of_one = combine_doubts(doubts, size_doubts[:1], np.array([HEAVY] * 2), misfit=usual[:1])
+    assert of_one == pytest.approx(np.array([truck, truck]))
 
 
 def test_ends_grow_by_the_length_sides_by_the_width_and_the_top_by_the_height():
