@@ -22,6 +22,9 @@ IS_RIGID = np.array([True, False, False, True])  # by class; the others move arm
 # by class: weight of a length or height above the mean. What is seen of a long body is shorter, and
 # of a tall one lower.
 LARGER_WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0])
+# the same for a height if the top is hidden. Detectors then take a van for as low as most cars are.
+HIDDEN_TOP_WEIGHTS = np.array([16.0, 1.0, 1.0, 4.0])
+MIN_HIDDEN_TOP_M = 0.06  # doubt of a top above which it is hidden
 EXPECTILE_ROUNDS = 8
 MISFIT_HITS = 10.0  # detections that the usual misfit counts as
 # error of a vehicle's face that is guessed outside the area, by its distance from there
@@ -92,17 +95,17 @@ def estimate_size(
     """Length, width and height (m) of a body: width as a mean, the others as expectiles.
 
     An expectile is a mean in which what is above it has more weight (Newey and Powell, Econometrica
-    55(4), 1987). For most classes it is the plain mean, see `LARGER_WEIGHTS`.
+    55(4), 1987), here the weight of `weigh_larger`.
 
     Args:
         sizes: Length, width and height of each detection (m).
         weights: Weight (1/m²) of each value above, the inverse of its variance.
         label: Class of the body."""
     size = (weights * sizes).sum(axis=0) / weights.sum(axis=0)
-    if LARGER_WEIGHTS[label] == 1:
+    if not IS_RIGID[label]:
         return size
     for _ in range(EXPECTILE_ROUNDS):
-        side_weights = weights * weigh_larger(sizes, size, np.array([label]))
+        side_weights = weights * weigh_larger(sizes, size, weights, np.array([label]))
         size = (side_weights * sizes).sum(axis=0) / side_weights.sum(axis=0)
     return size
 
@@ -110,16 +113,23 @@ def estimate_size(
 def weigh_larger(
     sizes: Float64[np.ndarray, "n 3"],
     means: Float64[np.ndarray, "*m 3"],
+    weights: Float64[np.ndarray, "n 3"],
     labels: Int64[np.ndarray, " #n"],
 ) -> Float64[np.ndarray, "n 3"]:
-    """Factors of the weights of detected sizes: larger for lengths and heights above the mean.
+    """Factors of the weights of detected sizes: more for lengths and heights above the mean.
 
     Args:
         sizes: Length, width and height of each detection (m).
         means: Mean length, width and height (m) of the body of each, or of their one body.
+        weights: Weight (1/m²) of each size, the inverse of its variance.
         labels: Class of each body, or of their one body."""
-    factors = np.where(sizes > means, LARGER_WEIGHTS[labels][:, None], 1.0)
-    factors[:, 1] = 1.0
+    is_hidden = weights[:, 2] < 1 / MIN_HIDDEN_TOP_M**2
+    length_factors = LARGER_WEIGHTS[labels]
+    height_factors = np.where(is_hidden, HIDDEN_TOP_WEIGHTS[labels], LARGER_WEIGHTS[labels])
+    is_larger = sizes > means
+    factors = np.ones(sizes.shape)
+    factors[:, 0] = np.where(is_larger[:, 0], length_factors, 1.0)
+    factors[:, 2] = np.where(is_larger[:, 2], height_factors, 1.0)
     return factors
 
 

@@ -301,7 +301,7 @@ def _correct_sizes(
     # for length, width and height (1 / m²)
     weight = weigh_sizes(doubts)
     # a detection that is larger than the track so far has another weight, by class
-    weight *= weigh_larger(sizes, tracks.size, labels)
+    weight *= weigh_larger(sizes, tracks.size, weight, labels)
     # limited, so that old detections do not outweigh new ones for ever
     memory = np.full(sizes.shape, MAX_SIZE_MEMORY)
     # a long body that comes in over the border is as long as the last guess: the more of it is

@@ -6,7 +6,9 @@ from scipy.stats import expectile
 
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.tracking.face_doubts import (
+    HIDDEN_TOP_WEIGHTS,
     LARGER_WEIGHTS,
+    MIN_HIDDEN_TOP_M,
     USUAL_MISFIT,
     calibrate_doubts,
     combine_doubts,
@@ -26,15 +28,30 @@ def measured():
     return sizes, weigh_sizes(rng.uniform(0.02, 0.4, (40, 5)))
 
 
+def find_expectile(values, weights, larger_weight):
+    return expectile(values, larger_weight / (1 + larger_weight), weights=weights)
+
+
 def test_lengths_and_heights_of_long_bodies_are_expectiles_and_others_means(measured):
     sizes, weights = measured
     mean = np.average(sizes, axis=0, weights=weights)
+    assert estimate_size(sizes, weights, CYCLIST) == pytest.approx(mean)
+    larger = LARGER_WEIGHTS[HEAVY]
+    length, width, height = estimate_size(sizes, weights, HEAVY)
+    assert length == pytest.approx(find_expectile(sizes[:, 0], weights[:, 0], larger), abs=1e-3)
+    assert width == pytest.approx(mean[1])
+    assert height == pytest.approx(find_expectile(sizes[:, 2], weights[:, 2], larger), abs=1e-3)
+
+
+def test_heights_of_cars_are_expectiles_if_their_tops_are_hidden(measured):
+    sizes, weights = measured
+    weights[:, 2] = 1 / 0.02**2
+    mean = np.average(sizes, axis=0, weights=weights)
     assert estimate_size(sizes, weights, VEHICLE) == pytest.approx(mean)
-    share = LARGER_WEIGHTS[HEAVY] / (1 + LARGER_WEIGHTS[HEAVY])
-    length = expectile(sizes[:, 0], share, weights=weights[:, 0])
-    height = expectile(sizes[:, 2], share, weights=weights[:, 2])
-    size = estimate_size(sizes, weights, HEAVY)
-    assert size == pytest.approx([length, mean[1], height], abs=1e-3)
+    weights[:, 2] = 1 / (1.01 * MIN_HIDDEN_TOP_M) ** 2
+    height = find_expectile(sizes[:, 2], weights[:, 2], HIDDEN_TOP_WEIGHTS[VEHICLE])
+    size = estimate_size(sizes, weights, VEHICLE)
+    assert size == pytest.approx([*mean[:2], height], abs=1e-3)
 
 
 def test_no_number_of_like_detections_makes_a_size_surer(measured):

@@ -399,6 +399,19 @@ def test_a_truck_is_not_as_low_as_a_first_part_of_it():
         assert tracks[-1].boxes[0, 5] > 3.7
 
 
+@pytest.mark.parametrize(("top_doubt", "height"), [(0.02, 1.7), (0.08, 1.88)])
+def test_a_van_whose_top_is_hidden_is_as_high_as_its_high_detections(top_doubt, height):
+    van = drive(1, speed=0.0)[0]
+    frames = []
+    for k in range(40):
+        box = van.copy()
+        box[5] = 1.5 if k % 2 else 1.9
+        box[2] = box[5] / 2
+        frames.append(seen(box, doubts=np.array([0.02, 0.02, 0.02, 0.02, top_doubt])))
+    for tracks in (follow(frames), smooth_tracks(frames, 0.1 * np.arange(40))):
+        assert tracks[-1].boxes[0, 5] == pytest.approx(height, abs=0.05)
+
+
 def test_flickers_that_nothing_confirms_do_not_wait_for_others():
     place = drive(1, speed=0.0)[0]
     faint = [seen(place, score=0.4)] * 3
