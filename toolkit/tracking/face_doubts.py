@@ -29,6 +29,9 @@ EXPECTILE_ROUNDS = 8
 MISFIT_HITS = 10.0  # detections that the usual misfit counts as
 # error of a vehicle's face that is guessed outside the area, by its distance from there
 OUTER_ERROR_SHARE = 0.25
+# by class: what a body is longer than guessed, by the same distance. On average as much again is
+# outside of a truck.
+OUTER_LENGTH_SHARES = np.array([0.0, 0.0, 0.0, 1.0])
 _SIZE_OF_FACE = [0, 0, 1, 1, 2]  # length, width or height
 
 
@@ -55,7 +58,6 @@ def doubt_outer_faces(
         doubts: Expected error (m) of front, rear, left, right and top as the detector gives it.
         labels: Class of each detection.
         area: xmin, ymin, xmax, ymax (m) from which the detector had points."""
-    xmin, ymin, xmax, ymax = area
     cos = np.cos(boxes[:, 6])
     sin = np.sin(boxes[:, 6])
     ahead = boxes[:, 3:4] / 2 * np.column_stack([cos, sin])
@@ -63,12 +65,41 @@ def doubt_outer_faces(
     outer = doubts.copy()
     is_rigid = IS_RIGID[labels]
     for face, offset in enumerate((ahead, -ahead, leftwards, -leftwards)):
-        x, y = (boxes[:, :2] + offset).T
-        outside_x = np.maximum(np.maximum(xmin - x, x - xmax), 0)
-        outside_y = np.maximum(np.maximum(ymin - y, y - ymax), 0)
-        error = OUTER_ERROR_SHARE * np.hypot(outside_x, outside_y)
+        error = OUTER_ERROR_SHARE * _measure_distances(boxes[:, :2] + offset, area)
         outer[:, face] = np.hypot(doubts[:, face], np.where(is_rigid, error, 0))
     return outer
+
+
+def extend_outer_ends(
+    boxes: BoxRows, labels: Int64[np.ndarray, " n"], area: Sequence[float]
+) -> BoxRows:
+    """Detections that reach farther out of the area, by `OUTER_LENGTH_SHARES`.
+
+    Args:
+        boxes: Detections.
+        labels: Class of each.
+        area: xmin, ymin, xmax, ymax (m) from which the detector had points."""
+    headings = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6])])
+    extended = boxes.copy()
+    for ahead in (headings, -headings):
+        ends = boxes[:, :2] + boxes[:, 3:4] / 2 * ahead
+        missing = OUTER_LENGTH_SHARES[labels] * _measure_distances(ends, area)
+        extended[:, 3] += missing
+        extended[:, :2] += missing[:, None] / 2 * ahead
+    return extended
+
+
+def _measure_distances(
+    points: Float64[np.ndarray, "n 2"], area: Sequence[float]
+) -> Float64[np.ndarray, " n"]:
+    """Distances (m) of points outside the area from it; 0 for those inside.
+
+    area: xmin, ymin, xmax, ymax (m)."""
+    xmin, ymin, xmax, ymax = area
+    x, y = points.T
+    outside_x = np.maximum(np.maximum(xmin - x, x - xmax), 0)
+    outside_y = np.maximum(np.maximum(ymin - y, y - ymax), 0)
+    return np.hypot(outside_x, outside_y)
 
 
 def turn_faces(

@@ -127,10 +127,16 @@ def test_doubts_of_tracks_hold_what_no_mean_removes():
     assert (plain >= SURE * 0.6).all()  # thirty detections are not thirty independent ones
     off = follow(frames, Tracker(place_error=0.1))[-1].doubts
     assert off == pytest.approx(np.hypot(plain, 0.1))
-    tracker = Tracker()
-    follow([*frames, *[Detections.empty()] * 3], tracker)
-    hidden = tracker.at(3.2).doubts
+    hidden = follow([*frames, *[Detections.empty()] * 3])[-1].doubts
     assert (hidden[:, :4] > 2 * plain[:, :4]).all()
+
+
+def doubts_at(tracker, time):
+    """Doubts of the faces of the only track."""
+    tracks = tracker.at(time)
+    assert tracks.doubts is not None
+    assert len(tracks) == 1
+    return tracks.doubts[0]
 
 
 def test_doubts_of_a_hidden_car_hold_how_far_it_may_have_come():
@@ -141,10 +147,10 @@ def test_doubts_of_a_hidden_car_hold_how_far_it_may_have_come():
     for yaw in (0.0, np.pi / 2, 0.7):
         tracker = Tracker()
         follow([seen(box, doubts=unsure_ends) for box in drive(10, yaw=yaw)], tracker)
-        seen_doubts = tracker.at(0.9).doubts
-        hidden_doubts = tracker.at(1.3).doubts
-        doubts.append(hidden_doubts[0])
-        variances.append((np.square(hidden_doubts) - np.square(seen_doubts))[0])
+        seen_doubts = doubts_at(tracker, 0.9)
+        hidden_doubts = doubts_at(tracker, 1.3)
+        doubts.append(hidden_doubts)
+        variances.append(np.square(hidden_doubts) - np.square(seen_doubts))
     assert doubts[1] == pytest.approx(doubts[0])
     assert doubts[2] == pytest.approx(doubts[0])
     assert variances[0] == pytest.approx([variances[0][0]] * 5)
@@ -152,8 +158,9 @@ def test_doubts_of_a_hidden_car_hold_how_far_it_may_have_come():
 
 def test_the_place_of_a_car_seen_once_is_as_unsure_as_its_speed():
     tracker = Tracker()
-    before = tracker.update(seen(drive(1)[0]), 0.0).doubts[0]
-    after = tracker.at(0.1).doubts[0]
+    tracker.update(seen(drive(1)[0]), 0.0)
+    before = doubts_at(tracker, 0.0)
+    after = doubts_at(tracker, 0.1)
     speed = 9.0  # m/s, standard deviation of a new car's speed along each axis
     acceleration = 3.0  # m/s²
     variance = SURE[0] ** 2 / 2 + (speed * 0.1) ** 2 + (acceleration * 0.1**2 / 2) ** 2
@@ -370,23 +377,41 @@ def test_the_length_of_a_truck_at_the_border_counts_once_it_is_inside():
     assert live[-1].boxes[0, 3] == pytest.approx(10.0, abs=0.2)
 
 
-def test_a_truck_that_comes_in_is_as_long_as_its_last_guess():
-    """Its rear is outside the area, where a detector guesses it: farther out with each frame."""
-    way = drive(60, speed=5.0, yaw=0.0, start=(-48.0, 0.0))
-    way[:, 3:6] = (16.0, 2.5, 3.5)
-    way[:, 2] = 1.75
+def come_in(length, guessed_m):
+    """Detections of a truck that comes in over the border, and the x of its front in each frame.
+
+    guessed_m: from what is outside of it (m), how far out (m) a detector puts its rear."""
+    way = drive(24, speed=5.0, yaw=0.0, start=(-40.0 - length / 2, 0.0))
+    way[:, 2:6] = (1.75, length, 2.5, 3.5)
+    fronts = way[:, 0] + length / 2
     frames = []
-    lengths = []
-    for box in way:
+    for box, front in zip(way, fronts.tolist(), strict=True):
         guess = box.copy()
-        front = box[0] + 8.0
-        guess[3] = min(16.0, front + 44.0)  # the rear is put 4 m outside, until it is nearer
+        guess[3] = front + 40.0 + guessed_m(max(length - 40.0 - front, 0.0))
         guess[0] = front - guess[3] / 2
-        lengths.append(guess[3])
         frames.append(seen(guess, label=HEAVY))
-    tracks = follow(frames, Tracker((-40.0, -20.0, 40.0, 20.0)))
-    reported = np.array([found.boxes[0, 3] for found in tracks])
-    assert reported == pytest.approx(np.array(lengths), abs=0.2)
+    return frames, fronts
+
+
+BORDERS = (-40.0, -20.0, 40.0, 20.0)
+
+
+def test_a_truck_that_comes_in_is_as_long_as_its_last_guess():
+    frames, fronts = come_in(24.0, lambda outside: 4.0)
+    lengths = [tracks.boxes[0, 3] for tracks in follow(frames, Tracker(BORDERS))]
+    # as far again as the guess
+    assert np.array(lengths) == pytest.approx(fronts + 40.0 + 4.0 + 4.0, abs=0.3)
+
+
+def test_of_a_truck_more_is_outside_than_guessed():
+    frames, fronts = come_in(16.0, lambda outside: outside / 2)
+    for tracks in (
+        follow(frames, Tracker(BORDERS)),
+        smooth_tracks(frames, 0.1 * np.arange(24), BORDERS),
+    ):
+        lengths = np.array([found.boxes[0, 3] for found in tracks])
+        assert lengths == pytest.approx(np.full(24, 16.0), abs=0.2)
+        assert tracks[0].boxes[0, 0] == pytest.approx(fronts[0] - 8.0, abs=0.2)
 
 
 def test_a_truck_is_not_as_low_as_a_first_part_of_it():
