@@ -15,7 +15,7 @@ from toolkit.objects import USUAL_DOUBTS_M, Detections
 MIN_DOUBTS_M = np.array([0.005, 0.005, 0.02, 0.005])
 # by class: doubts much larger than this are too sure. Detectors learn them from cars, whose sizes
 # differ by less than what is hidden of a truck.
-TRUSTED_DOUBTS_M = np.array([np.inf, np.inf, np.inf, 0.07])
+TRUSTED_DOUBTS_M = np.array([0.14, np.inf, np.inf, 0.07])
 # mean square of a normal error by its squared mean absolute value
 USUAL_MISFIT = np.pi / 2
 IS_RIGID = np.array([True, False, False, True])  # by class; the others move arms and legs
@@ -169,8 +169,8 @@ def calibrate_doubts(
 ) -> Float64[np.ndarray, "n faces"]:
     """Expected errors (m) of faces or sizes, from doubts that are too sure of what is hidden.
 
-    Measured on detections of trucks and buses, errors are 1.5 times doubts of 0.04 m, but four to
-    eight times doubts of 0.12 m.
+    Measured on detections of trucks and buses, errors are up to three times doubts of 0.04 m, but
+    four to eight times doubts of 0.12 m.
 
     Args:
         doubts: Expected error (m) by the detector, a column for each face or size.
