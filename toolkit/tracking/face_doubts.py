@@ -19,8 +19,8 @@ TRUSTED_DOUBTS_M = np.array([0.14, np.inf, np.inf, 0.07])
 # mean square of a normal error by its squared mean absolute value
 USUAL_MISFIT = np.pi / 2
 IS_RIGID = np.array([True, False, False, True])  # by class; the others move arms and legs
-# by class: weight of a length or height above the mean. What is seen of a long body is shorter, and
-# of a tall one lower.
+# by class: weight of a length or height above the mean. Parts of a long body are seen, which are
+# shorter and lower.
 LARGER_WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0])
 # the same for a height if the top is hidden. Detectors then take a van for as low as most cars are.
 HIDDEN_TOP_WEIGHTS = np.array([16.0, 1.0, 1.0, 4.0])
