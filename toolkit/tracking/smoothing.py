@@ -21,6 +21,7 @@ from toolkit.tracking.face_doubts import (
     doubt_outer_faces,
     doubt_sizes,
     estimate_size,
+    extend_outer_ends,
     find_misfit,
     get_doubts,
     inflate_doubts,
@@ -170,16 +171,18 @@ def _collect(
         if progress is not None:
             progress(k + 1)
     everything = Detections.merge(frames)
+    boxes = everything.boxes
     doubts = np.concatenate([np.zeros((0, 5)), *map(get_doubts, frames)])
     if area is not None:
-        doubts = doubt_outer_faces(everything.boxes, doubts, everything.labels, area)
+        boxes = extend_outer_ends(boxes, everything.labels, area)
+        doubts = doubt_outer_faces(boxes, doubts, everything.labels, area)
     track_ids = np.concatenate(track_parts)
     order = np.argsort(track_ids, kind="stable")
     track_ids = track_ids[order]
     rows = np.concatenate(row_parts)[order]
     tracked = _TrackDetections(
         frame=np.concatenate(frame_parts)[order],
-        boxes=everything.boxes[rows],
+        boxes=boxes[rows],
         scores=everything.scores[rows],
         labels=everything.labels[rows],
         doubts=doubts[rows],

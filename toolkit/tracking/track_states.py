@@ -8,7 +8,7 @@ from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.face_doubts import (
     IS_RIGID,
-    LONGER_WEIGHTS,
+    LARGER_WEIGHTS,
     MISFIT_HITS,
     USUAL_MISFIT,
     anchor_centres,
@@ -17,6 +17,7 @@ from toolkit.tracking.face_doubts import (
     get_doubts,
     inflate_doubts,
     turn_faces,
+    weigh_larger,
     weigh_sizes,
 )
 from toolkit.tracking.false_tracks import count_frames
@@ -30,6 +31,8 @@ from toolkit.tracking.motion_model import (
 # largest weight of a size, in weights of its surest detection: so earlier detections fade, such as
 # those at the border of the area, which look surer than they are
 MAX_SIZE_MEMORY = 6.0
+MIN_GUESS_DOUBT_M = 0.33  # doubt of an end above which it is guessed, as outside the area
+GUESS_MEMORY = 0.05  # as `MAX_SIZE_MEMORY`, of a length that a longer guess replaces
 MAX_MISFIT_HITS = 50.0  # detections over which the misfit of sizes is averaged
 MAX_TURNING_S = 0.5  # without a detection; bodies turn for a moment only
 MIN_EVIDENCE = 2.0  # sum of the scores of its detections that confirms a track
@@ -326,10 +329,15 @@ def _correct_sizes(
     labels = tracks.label()
     # for length, width and height (1 / m²)
     weight = weigh_sizes(doubts)
-    # a detection that is longer than the track so far has another weight, by class
-    weight[:, 0] *= np.where(sizes[:, 0] > tracks.size[:, 0], LONGER_WEIGHTS[labels], 1.0)
+    # a detection that is larger than the track so far has another weight, by class
+    weight *= weigh_larger(sizes, tracks.size, weight, labels)
     # limited, so that old detections do not outweigh new ones for ever
-    earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
+    memory = np.full(sizes.shape, MAX_SIZE_MEMORY)
+    # a long body that comes in over the border is as long as the last guess: the more of it is
+    # seen, the better the guess
+    is_guess = (doubts[:, :2].max(axis=1) > MIN_GUESS_DOUBT_M) & (LARGER_WEIGHTS[labels] > 1)
+    memory[is_guess & (sizes[:, 0] > tracks.size[:, 0]), 0] = GUESS_MEMORY
+    earlier_weight = np.minimum(tracks.size_weight, memory * tracks.max_weight)
     kept_share = earlier_weight / tracks.size_weight
     size_weight = earlier_weight + weight
     # the difference from an earlier mean has both variances

@@ -17,7 +17,7 @@ from toolkit.arrays import Bool, Int64
 from toolkit.boxes import iou_bev
 from toolkit.objects import Detections
 from toolkit.tracking.assignment import assign_detections, find_unlike
-from toolkit.tracking.face_doubts import combine_doubts, doubt_outer_faces
+from toolkit.tracking.face_doubts import combine_doubts, doubt_outer_faces, extend_outer_ends
 from toolkit.tracking.false_tracks import find_doubles, is_flickering, weigh_tracks
 from toolkit.tracking.track_states import (
     MIN_HITS,
@@ -99,8 +99,9 @@ class Tracker:
             )
         measured = MeasuredRows.from_detections(detections)
         if self._area is not None:
-            doubts = doubt_outer_faces(measured.boxes, measured.doubts, measured.labels, self._area)
-            measured = measured._replace(doubts=doubts)
+            boxes = extend_outer_ends(measured.boxes, measured.labels, self._area)
+            doubts = doubt_outer_faces(boxes, measured.doubts, measured.labels, self._area)
+            measured = measured._replace(boxes=boxes, doubts=doubts)
         tracks = self._tracks
         if self._time is not None:
             tracks = predict_tracks(tracks, time - self._time)

@@ -6,8 +6,11 @@ from scipy.stats import expectile
 
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.tracking.face_doubts import (
-    LONGER_WEIGHTS,
+    HIDDEN_TOP_WEIGHTS,
+    LARGER_WEIGHTS,
+    MIN_HIDDEN_TOP_M,
     USUAL_MISFIT,
+    calibrate_doubts,
     combine_doubts,
     doubt_sizes,
     estimate_size,
@@ -25,13 +28,30 @@ def measured():
     return sizes, weigh_sizes(rng.uniform(0.02, 0.4, (40, 5)))
 
 
-def test_lengths_of_long_bodies_are_an_expectile_and_others_means(measured):
+def find_expectile(values, weights, larger_weight):
+    return expectile(values, larger_weight / (1 + larger_weight), weights=weights)
+
+
+def test_lengths_and_heights_of_long_bodies_are_expectiles_and_others_means(measured):
     sizes, weights = measured
     mean = np.average(sizes, axis=0, weights=weights)
+    assert estimate_size(sizes, weights, CYCLIST) == pytest.approx(mean)
+    larger = LARGER_WEIGHTS[HEAVY]
+    length, width, height = estimate_size(sizes, weights, HEAVY)
+    assert length == pytest.approx(find_expectile(sizes[:, 0], weights[:, 0], larger), abs=1e-3)
+    assert width == pytest.approx(mean[1])
+    assert height == pytest.approx(find_expectile(sizes[:, 2], weights[:, 2], larger), abs=1e-3)
+
+
+def test_heights_of_cars_are_expectiles_if_their_tops_are_hidden(measured):
+    sizes, weights = measured
+    weights[:, 2] = 1 / 0.02**2
+    mean = np.average(sizes, axis=0, weights=weights)
     assert estimate_size(sizes, weights, VEHICLE) == pytest.approx(mean)
-    longer = LONGER_WEIGHTS[HEAVY]
-    length = expectile(sizes[:, 0], longer / (1 + longer), weights=weights[:, 0])
-    assert estimate_size(sizes, weights, HEAVY) == pytest.approx([length, *mean[1:]], abs=1e-3)
+    weights[:, 2] = 1 / (1.01 * MIN_HIDDEN_TOP_M) ** 2
+    height = find_expectile(sizes[:, 2], weights[:, 2], HIDDEN_TOP_WEIGHTS[VEHICLE])
+    size = estimate_size(sizes, weights, VEHICLE)
+    assert size == pytest.approx([*mean[:2], height], abs=1e-3)
 
 
 def test_no_number_of_like_detections_makes_a_size_surer(measured):
@@ -64,9 +84,30 @@ def test_a_hidden_face_follows_from_the_opposite_one_and_the_size():
     usual = np.full((1, 3), USUAL_MISFIT)
     size_doubts = np.array([[0.04, 0.02, 0.05]])
     combined = combine_doubts(doubts, size_doubts, np.array([VEHICLE]), misfit=usual)
-    assert combined[0, 1] == pytest.approx(0.05, abs=1e-3)
+    assert combined[0, 1] == pytest.approx(0.0535, abs=1e-3)
     scattered = combine_doubts(doubts, size_doubts, np.array([VEHICLE]), misfit=4 * usual)
     assert scattered[0, :2] == pytest.approx(2 * combined[0, :2], rel=0.02)
+
+
+def test_a_hidden_end_of_a_truck_is_doubted_more_than_one_of_a_car():
+    doubts = np.array([[0.01, 0.12, 0.02, 0.02, 0.05]] * 3)
+    labels = np.array([PEDESTRIAN, VEHICLE, HEAVY])
+    person, car, truck = calibrate_doubts(doubts, labels)
+    assert person.tolist() == doubts[0].tolist()
+    assert car[1] == pytest.approx(0.21, abs=0.01)
+    assert car[[0, 2, 3]] == pytest.approx(doubts[0, [0, 2, 3]], rel=0.03)
+    assert truck[[0, 2, 3]] == pytest.approx(doubts[0, [0, 2, 3]], rel=0.1)
+    assert truck[1] == pytest.approx(0.47, abs=0.01)
+    usual = np.full((2, 3), USUAL_MISFIT)
+    # hidden ends follow from lengths that are as unsure
+    size_doubts = np.array([[0.12, 0.03, 0.05]] * 2)
+    doubts = doubts[1:]
+    car, truck = combine_doubts(doubts, size_doubts, labels[1:], misfit=usual)
+    assert car[1] == pytest.approx(0.21, abs=0.01)
+    assert truck[1] == pytest.approx(0.47, abs=0.01)
+    # one size for all detections of one body
+    of_one = combine_doubts(doubts, size_doubts[:1], np.array([HEAVY] * 2), misfit=usual[:1])
+    assert of_one == pytest.approx(np.array([truck, truck]))
 
 
 def test_ends_grow_by_the_length_sides_by_the_width_and_the_top_by_the_height():
