@@ -366,7 +366,7 @@ def select_anchors(labels: Iterable[str]) -> tuple[AnchorKind, ...]:
 
 @cache
 def _make_example() -> dict[str, Any]:
-    """Return the values of a configuration in which no entry is empty, for their types."""
+    """Return a configuration in which no entry is empty, from which their types can be read."""
     example = VoxelNetConfig(
         (0.0, 0.0, 1.0, 1.0),
         faces=("vehicle",),

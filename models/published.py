@@ -95,10 +95,11 @@ class PublishedDetector:
         score_threshold: float = 0.1,
         nms_threshold: float = 0.1,
     ) -> None:
-        """Fold a published network for inference. Raises ValueError for an unknown decoding.
+        """Fold the batch norm of a network with published weights into its layers.
 
         site: name of the site whose points it takes; decoding: "exact" suppresses overlapping
-        boxes by their footprints, "published" first drops boxes as the published code does."""
+        boxes by their footprints, "published" first drops boxes as the published code does. Raises
+        ValueError for another decoding."""
         if decoding not in ("exact", "published"):
             raise ValueError(f'decoding must be "exact" or "published", got {decoding!r}')
         self.site = site

@@ -168,15 +168,15 @@ def _train_second_stages(
 ) -> VoxelNet:
     """Train the second stages of a network, and score it again.
 
-    stages: which classes have faces measured, and whether scores are calibrated; validation: frames
-    to calibrate and score on, None for neither."""
+    stages: for which classes the faces of boxes are measured, and whether scores are calibrated;
+    validation: frames to calibrate and score on, None for neither."""
     if stages.faces:
         data = PackedFrames(options.data)
         network = train_faces(network, data, stages.faces, seed=options.seed)
     if stages.calibrate and validation is not None:
         network = fit_calibration(network, validation.frames, count=validation.count)
     if validation is not None and (stages.faces or stages.calibrate):
-        validation(network)
+        validation(network)  # which keeps the figures
     return network
 
 

@@ -53,6 +53,7 @@ def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
         raise ValueError(
             f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}"
         )
+    # a window is a part of a frame; each frame read gives so many examples
     if preset.batch % preset.examples.windows:
         raise ValueError(
             f"windows must divide the batch, got {preset.examples.windows} for {preset.batch} "

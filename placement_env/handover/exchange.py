@@ -106,8 +106,8 @@ def write_exchange(
 def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
     """Mounting schedule as CSV text, a line for each sensor under a line of headings.
 
-    Lengths are in m (site frame), angles in degrees, kbit per frame. currency: the prices', ""
-    if they are counted in ordinary poles.
+    Lengths are in m (site frame), angles in degrees, data in kbit per frame. currency: unit of the
+    prices, "" if they are multiples of an ordinary pole's price.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")

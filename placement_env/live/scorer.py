@@ -112,7 +112,7 @@ class LiveScorer:
 
     @property
     def question(self) -> dict[str, object]:
-        """Changes of the setting since the start, as JSON values: the new value by name.
+        """What the present setting asks for besides the first one, as JSON values by name.
 
         Names are classes, iou, errors, scheme and most_price (None for any price)."""
         first_values = _describe_question(self.first_setting)

@@ -73,8 +73,9 @@ class CandidateNetwork(nn.Module):
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
     """Distinct rows of an array (n, k), and for each of the n rows its index among them.
 
-    Distinct rows are in the order of their first appearance; `distinct_rows[indices]` are the rows
-    again. All episodes of a junction start with the same observation, so many rows are equal.
+    Distinct rows are in the order of their first appearance; indexed by the second result, they are
+    all rows again. All episodes of a junction start with the same observation, so many rows are
+    equal.
     """
     index_by_bytes: dict[bytes, int] = {}
     indices = [
@@ -82,6 +83,7 @@ def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
         index_by_bytes.setdefault(row.tobytes(), len(index_by_bytes))
         for row in rows.numpy()
     ]
+    # indices count up by first appearance, so in ascending order they keep it
     _, first_rows = np.unique(indices, return_index=True)
     return rows[first_rows], torch.tensor(indices)
 

@@ -95,15 +95,19 @@ def pair_with_truth(
         truth: Its true objects.
         is_part: True if the recording goes on after these frames; later tracks are left out.
 
-    Raises ValueError, by name, for what does not match (see above)."""
+    Raises ValueError, by name, for frames that only one side has, and if no track comes near a
+    true object."""
     tracks = TrackLookup(file).list_tracks([frame.key for frame in truth], is_part=is_part)
-    motions = find_motions([frame.objects for frame in truth], [frame.key.time for frame in truth])
+    moving_truths = find_motions(
+        [frame.objects for frame in truth], [frame.key.time for frame in truth]
+    )
     scored_frames = []
-    for frame_tracks, frame, motion in zip(tracks, truth, motions, strict=True):
+    for frame_tracks, frame, moving_truth in zip(tracks, truth, moving_truths, strict=True):
         is_inside = has_centre_inside(frame_tracks.boxes, frame.corners)
+        # only where all true objects are labelled
         is_inside &= frame.complete.covers(frame_tracks.boxes)
         scored_frames.append(
-            ScoredFrame(frame_tracks, truth=motion, counted=frame.counted, outside=~is_inside)
+            ScoredFrame(frame_tracks, truth=moving_truth, counted=frame.counted, outside=~is_inside)
         )
     check_near(str(file.path), scored_frames)
     return scored_frames

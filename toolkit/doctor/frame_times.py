@@ -17,7 +17,8 @@ def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
     times: time of each frame in order (s); those that are not finite are left out."""
     steps = np.diff(times[np.isfinite(times)])
     backward_count = int((steps <= 0).sum())
-    if backward_count > max(1, len(steps) / 10):  # some may: a new scene or sensor begins again
+    # a few may, since time begins again with each scene or sensor
+    if backward_count > max(1, len(steps) / 10):
         evidence = f"{backward_count} of {len(steps)} steps, the smallest of {steps.min():g} s"
         remedy = "check the times, or sort the frames"
         yield report_error(

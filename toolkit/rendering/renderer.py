@@ -104,7 +104,8 @@ class Moment:
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         cast = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
-        # Open3D reports no triangle as the largest uint32; plus 1 it wraps round to 0
+        # Open3D reports no triangle as the largest uint32; plus 1 it wraps round to 0, and entry 0
+        # of `_triangle_object` is -1
         next_triangle = cast["primitive_ids"].numpy() + np.uint32(1)
         return self._triangle_object.take(next_triangle), cast["t_hit"].numpy()
 

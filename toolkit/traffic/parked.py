@@ -76,6 +76,7 @@ class Parked:
             return self
         rng = supply.rng
         number = int(is_gone.sum())
+        # bays that were left are free too, so there are always enough
         free_bays = np.setdiff1d(np.arange(len(self.bays)), self.places[~is_gone])
         places = self.places.copy()
         bodies = self.bodies.copy()

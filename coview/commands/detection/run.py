@@ -76,6 +76,6 @@ def _describe(figures: dict[str, Any]) -> str:
     counts = f"{figures['frames']} frames, {figures['dropped_frames']} dropped"
     if figures["predicted_frames"]:
         counts += f", {figures['predicted_frames']} with predicted tracks"
-    if figures["late_detections"]:
-        counts += f" ({figures['late_detections']} of them detected later)"
+        if figures["late_detections"]:  # which are those of frames that were predicted
+            counts += f" ({figures['late_detections']} of them detected later)"
     return f"{counts}\n{describe_times(figures['ms'])}".rstrip()

@@ -299,7 +299,8 @@ def _pack_recordings(
         # one iterable of packed recordings for each recording and file, in their order
         streams = list[Iterable["PackedRecording"]]()
         for recording in recordings:
-            if place.uses_site(recording.site):  # the ground and area of a known site are used
+            # only recordings of the simulator have a site that is known, with its ground and area
+            if place.uses_site(recording.site):
                 dataset = cast("CoopDataset", recording)
                 streams.append([dataset_recording(dataset, max_frames)])
             else:

@@ -190,9 +190,10 @@ def _read_stock_model(row: JsonObject) -> StockModel:
 
 
 def _read_area(text: str, number: int) -> shapely.Geometry:
-    """Read an area without sensors. Raises ValueError for damaged text or an unsound polygon.
+    """Read an area in which no sensor may stand.
 
-    text: well-known text in the site's metres; number: index in the file, for error texts."""
+    text: well-known text in the site's metres; number: index in the file, for error texts.
+    Raises ValueError for damaged text or an unsound polygon."""
     member = f"stock.keep_out_wkt[{number}]"
     try:
         area = shapely.from_wkt(text)
