@@ -255,6 +255,7 @@ def test_points_of_courses_are_numbers_in_arrays(monkeypatch):
     def watch(course, supply):
         """Note the memory of a course for each of its steps."""
         journeys = make(course, supply)
+        assert memoryview(course.points).itemsize == 8
         sizes.append(sys.getsizeof(course.points) / len(journeys[0].poses))
         return journeys
 
