@@ -132,7 +132,7 @@ def are_close(
     Both boxes are widened by half of the gap on each side, and overlap unless an edge of one
     separates them. first, second: x y z length width height yaw (n, 7), m and rad; of the
     second there may be one for all rows."""
-    return _widen(first, gap).overlap(_widen(second, gap))
+    return widen_boxes(first, gap).overlap(widen_boxes(second, gap))
 
 
 class WidenedBoxes(NamedTuple):
@@ -175,7 +175,7 @@ class WidenedBoxes(NamedTuple):
         return do_touch
 
 
-def _widen(boxes: BoxRows, gap: float) -> WidenedBoxes:
+def widen_boxes(boxes: BoxRows, gap: float) -> WidenedBoxes:
     """Boxes that are wider by half of a gap (m) on each side."""
     half_length, half_width = ((boxes[:, 3:5] + gap) / 2).T
     return WidenedBoxes(boxes[:, 0], boxes[:, 1], boxes[:, 6], half_length, half_width)

@@ -27,6 +27,10 @@ MIN_KNOWN_S = 1.0  # most road users that are seen for less are false
 TTC_SPAN_S = 4.0  # before a conflict, in which the time to collision is looked for
 MAX_PLACE_OFFSET_M = 4.0  # between a conflict and its true one
 MAX_TIME_OFFSET_S = 1.5
+CHANGED_SIZE_M = 0.5  # more than bodies that touch are apart, as their sizes may change
+SWEPT_PERIOD_S = 1.0  # duration of the pieces of trajectories that are compared first
+PIECE_ROUNDING_M = 1e-6
+PET_ROUNDING_S = 1e-6
 
 
 class Conflict(NamedTuple):
@@ -90,6 +94,7 @@ def _list_pairs(
     Two pedestrians are no pair. Each pair comes once, in the order of the trajectories."""
     if not trajectories:
         return
+    pairs = _Pieces.cut(trajectories).find_pairs(max_pet)
     spans = np.array([[trajectory.times[0], trajectory.times[-1]] for trajectory in trajectories])
     radii = np.array([np.hypot(*trajectory.boxes[0, 3:5]) / 2 for trajectory in trajectories])
     lows = np.array([trajectory.boxes[:, :2].min(axis=0) for trajectory in trajectories])
@@ -97,15 +102,65 @@ def _list_pairs(
     lows -= radii[:, None]
     highs += radii[:, None]
     on_foot = np.array([trajectory.label == PEDESTRIAN for trajectory in trajectories])
-    for row, trajectory in enumerate(trajectories):
-        is_near = (spans[:, 0] <= spans[row, 1] + max_pet) & (
-            spans[:, 1] >= spans[row, 0] - max_pet
-        )
-        is_near &= (lows <= highs[row]).all(axis=1) & (highs >= lows[row]).all(axis=1)
-        is_near &= ~(on_foot & on_foot[row])
-        is_near[: row + 1] = False
-        for number in np.flatnonzero(is_near).tolist():
-            yield trajectory, trajectories[number]
+    user, partner = pairs.T
+    is_near = (spans[partner, 0] <= spans[user, 1] + max_pet) & (
+        spans[partner, 1] >= spans[user, 0] - max_pet
+    )
+    is_near &= (lows[partner] <= highs[user]).all(axis=1)
+    is_near &= (highs[partner] >= lows[user]).all(axis=1)
+    is_near &= ~(on_foot[partner] & on_foot[user])
+    for row, number in pairs[is_near].tolist():
+        yield trajectories[row], trajectories[number]
+
+
+class _Pieces(NamedTuple):
+    """Pieces of trajectories, of at most `SWEPT_PERIOD_S`, in the order of time.
+
+    Attributes:
+        user: row of the trajectory of each.
+        period: number of its period of `SWEPT_PERIOD_S`, ascending.
+        low: lowest x, y (m) that its bodies reach while they move.
+        high: highest x, y (m)."""
+
+    user: Int64[np.ndarray, " pieces"]
+    period: Int64[np.ndarray, " pieces"]
+    low: Float64[np.ndarray, "pieces 2"]
+    high: Float64[np.ndarray, "pieces 2"]
+
+    @staticmethod
+    def cut(trajectories: Sequence[Trajectory]) -> "_Pieces":
+        """Cut trajectories into pieces, without rows at which they do not move."""
+        pieces = []
+        for row, trajectory in enumerate(trajectories):
+            is_moving = trajectory.speeds > MOVING_M_S
+            periods = np.floor(trajectory.times[is_moving] / SWEPT_PERIOD_S).astype(np.int64)
+            points = trajectory.boxes[is_moving, :2]
+            period, begins = np.unique(periods, return_index=True)
+            margin = np.hypot(*trajectory.boxes[0, 3:5]) / 2 + CHANGED_SIZE_M / 2 + PIECE_ROUNDING_M
+            low = np.minimum.reduceat(points, begins) - margin
+            high = np.maximum.reduceat(points, begins) + margin
+            pieces.append(_Pieces(np.full(len(period), row), period, low, high))
+        joined = _Pieces(*(np.concatenate(columns) for columns in zip(*pieces, strict=True)))
+        order = np.argsort(joined.period, kind="stable")
+        return _Pieces(*(column[order] for column in joined))
+
+    def find_pairs(self, max_pet: float) -> Int64[np.ndarray, "pairs 2"]:
+        """Pairs of trajectories with pieces near each other within `max_pet` seconds, ascending.
+
+        Periods are swept in the order of time, each with those that follow soon."""
+        pairs: set[tuple[int, int]] = set()
+        soon = int(max_pet / SWEPT_PERIOD_S) + 1  # periods
+        for period in np.unique(self.period).tolist():
+            begin = np.searchsorted(self.period, period)
+            pieces = slice(begin, np.searchsorted(self.period, period, side="right"))
+            later = slice(begin, np.searchsorted(self.period, period + soon, side="right"))
+            is_near = (self.low[pieces, None] <= self.high[later]).all(axis=2)
+            is_near &= (self.high[pieces, None] >= self.low[later]).all(axis=2)
+            piece, later_piece = np.nonzero(is_near)
+            users = np.stack([self.user[pieces][piece], self.user[later][later_piece]])
+            users.sort(axis=0)
+            pairs.update(zip(*users[:, users[0] < users[1]].tolist(), strict=True))
+        return np.array(sorted(pairs), np.int64).reshape(-1, 2)
 
 
 class _CommonPlaces(NamedTuple):
@@ -164,30 +219,41 @@ def _find_common_places(user: Trajectory, partner: Trajectory, max_pet: float) -
     """Pairs of rows, one of each user, whose bodies overlap, at most `max_pet` seconds apart."""
     rows = np.flatnonzero(_mask_near(user, partner))
     partner_rows = np.flatnonzero(_mask_near(partner, user))
-    gaps = partner.times[partner_rows] - user.times[rows, None]
-    offsets = partner.boxes[partner_rows, :2] - user.boxes[rows, None, :2]
-    reach = (np.hypot(*user.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
-    is_near = (np.square(offsets).sum(axis=2) < reach**2) & (np.abs(gaps) <= max_pet)
-    near_rows, near_others = np.nonzero(is_near)
-    pair_rows = rows[near_rows]
-    pair_others = partner_rows[near_others]
+    # the partner's rows soon before and after each row of the user; a little more, for rounding
+    span = max_pet + PET_ROUNDING_S
+    partner_times = partner.times[partner_rows]
+    begins = np.searchsorted(partner_times, user.times[rows] - span)
+    counts = np.searchsorted(partner_times, user.times[rows] + span) - begins
+    pair_rows = np.repeat(rows, counts)
+    # number of each pair among all with its row of the user
+    order = np.arange(len(pair_rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    pair_others = partner_rows[np.repeat(begins, counts) + order]
+    gaps = partner.times[pair_others] - user.times[pair_rows]
+    offsets = partner.boxes[pair_others, :2] - user.boxes[pair_rows, :2]
+    reach = _measure_margin(user, partner)
+    is_near = (np.square(offsets).sum(axis=1) < reach**2) & (np.abs(gaps) <= max_pet)
+    pair_rows = pair_rows[is_near]
+    pair_others = pair_others[is_near]
     is_common = are_close(user.boxes[pair_rows], partner.boxes[pair_others], 0.0)
-    return _CommonPlaces(
-        pair_rows[is_common],
-        pair_others[is_common],
-        gaps[near_rows[is_common], near_others[is_common]],
-    )
+    return _CommonPlaces(pair_rows[is_common], pair_others[is_common], gaps[is_near][is_common])
 
 
 def _mask_near(trajectory: Trajectory, partner: Trajectory) -> Bool[np.ndarray, " n"]:
     """Mask of the rows of a trajectory at which it moves where its partner may be at any time."""
-    # half the diagonals of both footprints, and half a metre (m)
-    margin = (np.hypot(*trajectory.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
+    margin = _measure_margin(trajectory, partner)
     points = trajectory.boxes[:, :2]
     low = partner.boxes[:, :2].min(axis=0) - margin
     high = partner.boxes[:, :2].max(axis=0) + margin
     is_near = ((points >= low) & (points <= high)).all(axis=1)
     return is_near & (trajectory.speeds > MOVING_M_S)
+
+
+def _measure_margin(user: Trajectory, partner: Trajectory) -> float:
+    """Distance (m) of two bodies' middles below which they may overlap.
+
+    Half the diagonals of both footprints, and `CHANGED_SIZE_M`."""
+    diagonals_m = np.hypot(*user.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])
+    return float(diagonals_m / 2 + CHANGED_SIZE_M)
 
 
 def _find_velocity(trajectory: Trajectory, time: float) -> Float64[np.ndarray, "2"]:

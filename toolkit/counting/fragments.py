@@ -114,16 +114,18 @@ def _measure_breaks(
     gaps = ends.first_times[followers] - ends.last_times[row]
     end_velocity = ends.last_velocities[row]
     velocities = ends.first_velocities[followers]
-    is_standing = np.hypot(velocities[:, 0], velocities[:, 1]) < MOVING_M_S
-    is_standing &= np.hypot(end_velocity[0], end_velocity[1]) < MOVING_M_S
-    is_turning = velocities @ end_velocity < 0
+    is_moving = np.hypot(velocities[:, 0], velocities[:, 1]) >= MOVING_M_S
+    was_moving = np.hypot(end_velocity[0], end_velocity[1]) >= MOVING_M_S
+    is_standing = ~is_moving & ~was_moving
+    # who stops or sets off has no direction at one end, only errors
+    is_turning = is_moving & was_moving & (velocities @ end_velocity < 0)
     # half of the gap at each velocity, as if the speed changed evenly
     expected = ends.last_points[row] + gaps[:, None] * (end_velocity + velocities) / 2
     offsets = ends.first_points[followers] - expected
     reach = np.where(is_standing, MAX_BREAK_M, MAX_BREAK_M + MAX_DRIFT_M_S * np.abs(gaps))
     costs = np.hypot(offsets[:, 0], offsets[:, 1]) / reach
     max_gaps = np.where(is_standing, MAX_STANDING_GAP_S, MAX_MOVING_GAP_S)
-    is_possible = (gaps <= max_gaps) & (is_standing | ~is_turning)
+    is_possible = (gaps <= max_gaps) & ~is_turning
     # a follower begins later, and ends later
     is_possible &= ends.first_times[followers] > ends.first_times[row]
     is_possible &= ends.last_times[followers] > ends.last_times[row]

@@ -5,7 +5,7 @@ vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`), or set
 too long for a turn is replaced by a shorter one. A road user is refused as a whole if nothing
 helps, so that nobody appears or vanishes inside the view."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,29 +109,32 @@ def simulate_continuously(
     parked_boxes = parked.boxes(supply)
     last = max(0, frames - 1) * stride  # number of the last step
     occupancy = Occupancy(site.area, obstacles, parked_boxes, last)
-    kept_ways = _keep_apart(ways, supply, occupancy)
-    frame_parts = [np.zeros(0, np.int64)]
-    box_parts = [np.zeros((0, 7))]
-    way_parts = [np.zeros(0, np.int64)]
-    for number, way in enumerate(kept_ways):
+    way_count = len(ways)
+    travellers: dict[int, Traveller] = {}  # by number of the way
+    frame_parts: dict[int, Int64[np.ndarray, " k"]] = {}
+    box_parts: dict[int, LevelBoxes] = {}
+    for number, way in _keep_apart(ways, supply, occupancy):
+        # only what is seen is kept, since the poses of all steps would take much memory
         steps = way.first + np.arange(len(way.poses))
         rows = np.flatnonzero((steps % stride == 0) & (steps >= 0) & (steps < frames * stride))
         boxes = size_boxes(way.poses[rows], supply.sizes[way.traveller.body])
         is_seen = _mask_seen(boxes, site.area)
-        frame_parts.append(steps[rows][is_seen] // stride)
-        box_parts.append(boxes[is_seen])
-        way_parts.append(np.full(int(is_seen.sum()), number))
-    frame = np.concatenate(frame_parts)
+        travellers[number] = way.traveller
+        frame_parts[number] = steps[rows][is_seen] // stride
+        box_parts[number] = boxes[is_seen]
+    numbers = sorted(travellers)  # in the order in which they set out
+    frame = np.concatenate([np.zeros(0, np.int64), *(frame_parts[number] for number in numbers)])
     order = np.argsort(frame, kind="stable")  # by frame; within one, who set out first comes first
     frame = frame[order]
-    boxes = np.concatenate(box_parts)[order]
-    way_of_row = np.concatenate(way_parts)[order]
+    boxes = np.concatenate([np.zeros((0, 7)), *(box_parts[number] for number in numbers)])[order]
+    row_counts = [len(box_parts[number]) for number in numbers]
+    way_of_row = np.repeat(np.array(numbers, np.int64), row_counts)[order]
     seen_ways = np.unique(way_of_row)
     return ContinuousTraffic(
         site=site,
         interval=interval,
-        travellers=tuple(kept_ways[number].traveller for number in seen_ways.tolist()),
-        refused=len(ways) - len(kept_ways),
+        travellers=tuple(travellers[number] for number in seen_ways.tolist()),
+        refused=way_count - len(travellers),
         parked_boxes=parked_boxes,
         parked_ids=parked.ids,
         parked_bodies=parked.bodies,
@@ -156,23 +159,27 @@ def _mask_seen(boxes: LevelBoxes, area: Float64[np.ndarray, "4"]) -> Bool[np.nda
     return is_seen
 
 
-def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> list[Journey]:
-    """Ways without overlaps, in the same order; those that find no way through are left out.
+def _keep_apart(
+    ways: list[Journey], supply: Supply, occupancy: Occupancy
+) -> Iterator[tuple[int, Journey]]:
+    """Yield ways without overlaps, and the number of each; some find no way through.
 
     Vehicles go before cyclists and these before pedestrians, in each class who set out first. Who
     finds no way through sets out later, with a shorter body if the turn is too tight for this one.
-    """
-    labels = supply.labels[[way.traveller.body for way in ways]].tolist() if ways else []
-    order = sorted(range(len(ways)), key=lambda number: RANK[labels[number]])
-    ways_by_number = {}
+
+    ways: all ways, taken out of the list one after the other."""
+    bodies = [way.traveller.body for way in ways]
+    order = sorted(range(len(ways)), key=lambda number: RANK[int(supply.labels[bodies[number]])])
+    ways_by_number = dict(enumerate(ways))
+    ways.clear()
     for number in order:
-        placed = _place(ways[number], supply, occupancy)
+        way = ways_by_number.pop(number)
+        placed = _place(way, supply, occupancy)
         if placed is None:
-            shortened = _shorten_body(ways[number], supply, occupancy)
+            shortened = _shorten_body(way, supply, occupancy)
             placed = None if shortened is None else _place(shortened, supply, occupancy)
         if placed is not None:
-            ways_by_number[number] = placed
-    return [ways_by_number[number] for number in sorted(ways_by_number)]
+            yield number, placed
 
 
 def _place(way: Journey, supply: Supply, occupancy: Occupancy) -> Journey | None:

@@ -1,5 +1,7 @@
 """Solids in the way of traffic, and bodies in each other's."""
 
+from typing import NamedTuple
+
 import numpy as np
 import shapely
 
@@ -12,6 +14,10 @@ LevelBoxes = Float64[np.ndarray, "n 7"]
 BODY_GAP_M = 0.1  # m left between bodies
 STEPS_ASIDE_M = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
 MAX_STEP_HEIGHT_M = 0.3  # above the ground; lower solids can be stepped on
+MIN_CELL_M = 2.0  # width of the cells in which distances to solids are known
+MAX_CELLS = 128  # along x and along y
+CELL_MARGIN_M = 12.0  # around all solids, that the cells cover too
+ROUNDING_M = 1e-6
 
 
 class Obstacles:
@@ -22,8 +28,7 @@ class Obstacles:
 
     Attributes:
         bases: height of the lower end of each solid (m).
-        tree: search tree of their footprints, in the same order.
-        bounds: xmin, ymin, xmax, ymax (m) of each footprint."""
+        tree: search tree of their footprints, in the same order."""
 
     def __init__(self, site: Site) -> None:
         """Choose the solids of a site that are higher than `MAX_STEP_HEIGHT_M`."""
@@ -39,7 +44,7 @@ class Obstacles:
         # undersides above the plane of the site (m), and outlines from above, in the same order
         self.bases = np.array([solid.base for solid in solids]) - site.plane(solid_middles)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])
-        self.bounds = shapely.bounds(self.tree.geometries).reshape(-1, 4)
+        self._clearances = _Clearances.measure(self.tree)
 
     def hit(self, boxes: LevelBoxes) -> Mask:
         """Mask of boxes that touch an obstacle, or come within half of `BODY_GAP_M` of it.
@@ -67,22 +72,50 @@ class Obstacles:
         """Rows of the points within a distance (m) of an obstacle."""
         if not len(points):
             return np.zeros(0, np.int64)
-        # rectangles around obstacles leave few points for the search tree
-        low = points.min(axis=0) - reach
-        high = points.max(axis=0) + reach
-        is_possible = (self.bounds[:, :2] <= high).all(axis=1)
-        is_possible &= (self.bounds[:, 2:] >= low).all(axis=1)
-        x, y = np.ascontiguousarray(points.T)
-        is_near = np.zeros(len(points), np.bool_)
-        for xmin, ymin, xmax, ymax in self.bounds[is_possible].tolist():
-            is_beside = (x >= xmin - reach) & (x <= xmax + reach)
-            is_near |= is_beside & (y >= ymin - reach) & (y <= ymax + reach)
-        rows = np.flatnonzero(is_near)
+        rows = np.flatnonzero(self._clearances.find(points) <= reach)
         if not len(rows):
             return rows
         middles = shapely.points(points[rows])
         pairs = self.tree.query(middles, predicate="dwithin", distance=reach)
         return rows[np.unique(pairs[0])]
+
+
+class _Clearances(NamedTuple):
+    """Distances to the nearest obstacle in square cells around all obstacles.
+
+    Attributes:
+        low: lowest x and y of all cells (m).
+        cell_m: width of a cell (m).
+        distances: least distance (m) of any place in each cell, by cells along x and y; the
+            outermost cells hold all that is outside, with 0."""
+
+    low: Float64[np.ndarray, "2"]
+    cell_m: float
+    distances: Float64[np.ndarray, "columns rows"]
+
+    @staticmethod
+    def measure(tree: shapely.STRtree) -> "_Clearances":
+        """Measure the distances to the footprints in a search tree."""
+        if not len(tree.geometries):
+            return _Clearances(np.zeros(2), MIN_CELL_M, np.full((1, 1), np.inf))
+        bounds = shapely.total_bounds(tree.geometries)
+        low = bounds[:2] - CELL_MARGIN_M
+        extent = bounds[2:] + CELL_MARGIN_M - low
+        cell_m = max(MIN_CELL_M, float(extent.max()) / MAX_CELLS)
+        columns, rows = np.ceil(extent / cell_m).astype(np.int64).tolist()
+        x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5, indexing="ij")
+        middles = low + cell_m * np.column_stack([x.ravel(), y.ravel()])
+        distances = tree.query_nearest(
+            shapely.points(middles), return_distance=True, all_matches=False
+        )[1].reshape(x.shape)
+        distances -= cell_m * np.sqrt(0.5) + ROUNDING_M
+        return _Clearances(low - cell_m, cell_m, np.pad(distances, 1))
+
+    def find(self, points: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        """Distance (m) to the nearest obstacle that each point has at least."""
+        cells = np.floor((points - self.low) / self.cell_m).astype(np.int64)
+        columns, rows = np.clip(cells, 0, np.array(self.distances.shape) - 1).T
+        return self.distances[columns, rows]
 
 
 def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask, int]:

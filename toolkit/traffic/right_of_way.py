@@ -177,8 +177,8 @@ def _plan_window(
     boxes = course.list_lines(rows, list_asides(side_lines))
     margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
     # by moment, line and row
-    blocked = occupancy.find_blocked(boxes, window, limits.gap).transpose(0, 2, 1)
-    blocked = _widen(np.ascontiguousarray(blocked), margin + ceil(limits.headway / STRIDE))
+    blocked = occupancy.find_blocked(boxes, window, limits.gap)
+    blocked = _widen(blocked, margin + ceil(limits.headway / STRIDE))
     is_crossed = np.any(blocked, axis=0)
     is_obstructed = occupancy.is_obstructed_in_view(boxes, limits.gap).T
     blocked |= _widen(is_obstructed.T, margin).T
@@ -259,26 +259,24 @@ def _find_moves(
     costs = _Costs(np.full((moments, lines + 2, rows + 2), np.inf), np.zeros((lines + 2, rows + 2)))
     costs.totals[0, start_line + 1, 1] = 0.0
     costs.waits[1:-1, 1:-1] = np.where(is_crossed, CROSSED_WAIT_COST, WAIT_COST)
-    offset_costs = OFFSET_COST * np.abs(np.arange(lines) - lines // 2)[:, None]
+    # what being there costs; the last row is all that is farther on
+    place_costs = np.zeros((moments, lines, rows + 1))
+    place_costs[:, :, :-1] = OFFSET_COST * np.abs(np.arange(lines) - lines // 2)[:, None]
+    place_costs[:, :, :-1][blocked] = np.inf
     for moment in range(1, moments):
-        reached = min(moment + 1, rows + 1)  # rows that can be reached until then
         before = costs.totals[moment - 1]
-        onward = costs.waits[:, 1 : reached + 1] * costs.weigh_waits(moment)
-        onward += before[:, 1 : reached + 1]
-        np.minimum(before[:, :reached], onward, out=onward)
+        onward = costs.waits[:, 1:] * costs.weigh_waits(moment)
+        onward += before[:, 1:]
+        np.minimum(before[:, :-1], onward, out=onward)
         now = costs.totals[moment, 1:-1, 1:]
-        cheapest = now[:, :reached]
-        cheapest[:] = onward[1:-1]
-        if lines > 1:
-            onward += ASIDE_COST
-            np.minimum(cheapest, onward[:-2], out=cheapest)
-            np.minimum(cheapest, onward[2:], out=cheapest)
-        inside = now[:, : min(reached, rows)]
-        inside += offset_costs
-        np.copyto(inside, np.inf, where=blocked[moment, :, : inside.shape[1]])
+        np.add(onward[:-2], ASIDE_COST, out=now)
+        np.minimum(onward[1:-1], now, out=now)
+        onward[2:] += ASIDE_COST
+        np.minimum(onward[2:], now, out=now)
+        now += place_costs[moment]
         # before the last row is reached, this only finds that there is no way
         is_checked = moment >= rows or moment % CHECK_MOMENTS == 0
-        if is_checked and now[:, -1].min() <= inside.min():  # nothing better can follow, or at all
+        if is_checked and now[:, -1].min() <= now[:, :-1].min():  # nothing better, or no way at all
             break
     end = int(now.argmin())
     return _trace(costs, moment, end) if np.isfinite(now.flat[end]) else None

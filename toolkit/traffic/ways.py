@@ -5,6 +5,7 @@ way when the recording begins or ends. SUMO moves points along the middles of la
 and `move_pedestrian` turn them into the motion of bodies."""
 
 import warnings
+from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -85,12 +86,13 @@ class _Course:
     Attributes:
         traveller: the road user.
         first: number of the step of the first position.
-        points: x, y (m), step after step.
+        points: x and y (m) in turn, step after step; numbers in an array take a seventh of the
+            memory of pairs.
         yaw: heading at the first step (rad)."""
 
     traveller: Traveller
     first: int = 0
-    points: list[tuple[float, float]] = field(default_factory=list)
+    points: "array[float]" = field(default_factory=lambda: array("d"))
     yaw: float = 0.0
 
 
@@ -147,7 +149,8 @@ def simulate_ways(
                 progress(step // 10)
     _warn_of_queues(courses.values())
     ways = []
-    for course in courses.values():
+    for name in list(courses):
+        course = courses.pop(name)  # so that its points are not kept while others become ways
         if course.points:
             ways += _make_ways(course, supply)
     return ways
@@ -308,7 +311,7 @@ def _record(sumo: ModuleType, step: int, courses: Mapping[int, _Course]) -> None
                 angle = domain.getAngle(name)
                 if np.isfinite(angle):  # not of some vehicles that change lanes
                     course.yaw = float(np.pi / 2 - np.radians(angle))
-            points.append(find_position(name))
+            points.extend(find_position(name))
 
 
 def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
@@ -316,7 +319,7 @@ def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
     rng = supply.rng
     traveller = course.traveller
     label = int(supply.labels[traveller.body])
-    points = np.array(course.points)
+    points = np.array(course.points).reshape(-1, 2)
     turn = float(np.radians(rng.normal(0, SWAY_DEG[label])))
     if label != PEDESTRIAN:
         length = float(supply.sizes[traveller.body, 0])

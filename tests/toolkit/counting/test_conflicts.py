@@ -1,10 +1,13 @@
 """Conflicts: closed formulas of two straight ways, and a brute force with GEOS."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import shapely
 
 from toolkit.boxes import footprints
+from toolkit.counting import conflicts
 from toolkit.counting.conflicts import Conflict, find_conflicts, match_conflicts, time_to_collision
 from toolkit.counting.trajectories import split_trajectories
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE
@@ -170,3 +173,42 @@ def test_matches_may_exceed_the_limit_by_the_tolerance():
     np.testing.assert_allclose(matches.pet_errors_s, [0.1, 0.2])
     nothing = match_conflicts([], true, max_pet=1.5, tolerance=0.3)
     assert (nothing.found, nothing.true, nothing.detected) == (0, 3, 0)
+
+
+def circle(name, turn, *, count, seconds=60.0):
+    """Rows of a car on a roundabout, a share of a turn after others."""
+    times = np.round(np.arange(0, seconds, 0.1), 6)
+    angles = 2 * np.pi * (times / 30 + turn / count)
+    boxes = np.zeros((len(times), 7))
+    boxes[:, 0] = 40 * np.cos(angles)
+    boxes[:, 1] = 40 * np.sin(angles)
+    boxes[:, 3:6] = SIZES[VEHICLE]
+    boxes[:, 6] = angles + np.pi / 2
+    return name, VEHICLE, boxes, times
+
+
+def test_only_pairs_that_come_near_soon_are_compared(monkeypatch):
+    """On a circle all ways cover the same ground, but only neighbours come to it soon."""
+    compared = []
+    find = conflicts._find_conflict
+
+    def count(*pair):
+        """Count a comparison."""
+        compared.append(1)
+        return find(*pair)
+
+    monkeypatch.setattr(conflicts, "_find_conflict", count)
+    users = join(*(circle(number, number, count=12) for number in range(12)))
+    assert find_conflicts(users, max_pet=1.5) == []
+    assert len(compared) == 12  # of 66 pairs; 2.5 s are between neighbours, in the same periods
+
+
+def test_memory_of_a_pair_does_not_grow_with_the_square_of_its_times():
+    users = join(circle(1, 0, count=4, seconds=400.0), circle(2, 1, count=4, seconds=400.0))
+    tracemalloc.start()
+    try:
+        assert find_conflicts(users, max_pet=5.0) == []
+        peak_bytes = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak_bytes < 60e6  # 16 million pairs of times would take 128 MB for each number

@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.counting.fragments import join_fragments
 from toolkit.counting.trajectories import Trajectory
-from toolkit.objects import CYCLIST, HEAVY, VEHICLE
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 
 TIMES = np.round(np.arange(0, 20, 0.1), 6)
 
@@ -33,6 +33,17 @@ def test_a_track_that_broke_twice_is_one():
     (joined,) = join_fragments(fragments[::-1])
     assert (joined.id, joined.label) == (21, VEHICLE)
     np.testing.assert_allclose(joined.times, np.delete(TIMES, [*range(50, 65), *range(100, 130)]))
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_who_stops_or_sets_off_in_a_gap_is_one(goes_on):
+    """Standing ones seem to move a little in any direction, such as back."""
+    before, after = cut(moving(1, (0, 0), (0.6, 0), PEDESTRIAN), (0, 80), (88, 200))
+    standing = before if goes_on else after
+    standing.boxes[:, 0] = 4.8
+    standing.velocities[:] = (-0.1, 0.02)
+    (joined,) = join_fragments([before, after])
+    assert len(joined.times) == 192
 
 
 def test_two_side_by_side_keep_apart():

@@ -1,5 +1,7 @@
 """Continuous traffic: nobody appears, vanishes, jumps or overlaps inside the view."""
 
+import sys
+import weakref
 from importlib.util import find_spec
 from itertools import permutations
 
@@ -14,6 +16,7 @@ from toolkit.objects import HEAVY, LABELS, PEDESTRIAN, VEHICLE
 from toolkit.sites.files import load_site
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site
+from toolkit.traffic import continuous, ways as ways_module
 from toolkit.traffic.body_motion import change_length, move_driver, move_pedestrian, smooth_motion
 from toolkit.traffic.continuous import simulate_continuously
 from toolkit.traffic.flow import Flow, Movement
@@ -220,3 +223,42 @@ def test_a_site_without_a_road_through_is_refused_by_name():
     site = Site("inside", area, network=build_network(nodes, edges))
     with pytest.raises(NoPassage, match="import a larger piece of the map"):
         simulate_continuously(site, supply_of(1), frames=2, interval=0.1, max_parked=0)
+
+
+@needs_sumo
+def test_poses_are_not_kept_once_a_way_is_placed(monkeypatch):
+    """Memory would grow with the length of a recording, though few frames need their poses."""
+    kept = []
+    alive = []
+
+    def watch(way, supply, occupancy):
+        """Count the poses of earlier ways that are still in memory."""
+        alive.append(sum(poses() is not None for poses in kept))
+        kept.append(weakref.ref(way.poses))
+        return place(way, supply, occupancy)
+
+    place = continuous._place
+    monkeypatch.setattr(continuous, "_place", watch)
+    simulate_continuously(
+        load_site("tjunction"), supply_of(5), frames=100, interval=0.5, max_parked=0
+    )
+    assert len(alive) > 20
+    assert max(alive) <= 2
+
+
+@needs_sumo
+def test_points_of_courses_are_numbers_in_arrays(monkeypatch):
+    """Pairs of numbers would take seven times as much memory."""
+    sizes = []
+    make = ways_module._make_ways
+
+    def watch(course, supply):
+        """Note the memory of a course for each of its steps."""
+        journeys = make(course, supply)
+        assert memoryview(course.points).itemsize == 8
+        sizes.append(sys.getsizeof(course.points) / len(journeys[0].poses))
+        return journeys
+
+    monkeypatch.setattr(ways_module, "_make_ways", watch)
+    simulate_ways(load_site("tjunction"), supply_of(5), seconds=20.0)
+    assert np.median(sizes) < 24  # bytes: two numbers of 8, and room to grow

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.boxes import footprints
+from toolkit.boxes import WidenedBoxes, footprints
 from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site, Solid
-from toolkit.traffic.course import Course
+from toolkit.traffic.course import Course, list_asides
 from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.right_of_way import give_way
@@ -137,11 +137,13 @@ def test_taken_places_are_those_that_shapely_finds(occupancy):
     car = straight((-30, 3), (8, 1), 5, 70, size=CAR, label=VEHICLE)
     give_way(car, occupancy)
     poses = np.column_stack(
-        [rng.uniform(-30, 20, 200), rng.uniform(-4, 14, 200), rng.uniform(-3, 3, 200)]
+        [rng.uniform(-30, 20, 40), rng.uniform(-4, 14, 40), rng.uniform(-3, 3, 40)]
     )
-    boxes = size_boxes(poses, PERSON)
+    # five lines next to each of forty places
+    boxes = Course(0, poses, PERSON, PEDESTRIAN).list_lines(np.arange(40.0), list_asides(2))
     moments = Moments(0, 4, 20)
-    taken = occupancy.find_blocked(boxes.reshape(40, 5, 7), moments, 0.0).reshape(20, 200)
+    taken = occupancy.find_blocked(boxes, moments, 0.0).transpose(0, 2, 1).reshape(20, 200)
+    boxes = boxes.reshape(200, 7)
     shapes = shapely.polygons(footprints(boxes))
     for moment, step in enumerate(moments.steps.tolist()):
         if 5 <= step < 75:
@@ -150,3 +152,46 @@ def test_taken_places_are_those_that_shapely_finds(occupancy):
         else:
             assert not taken[moment].any()
     assert taken.any()
+
+
+def test_boxes_are_not_compared_body_by_body(occupancy, monkeypatch):
+    """Each question compares all bodies together, however many there are."""
+    queue = [np.array([[6.0 * number - 30, 0.0, 0.0]]).repeat(200, axis=0) for number in range(10)]
+    course = straight((-35, 3), (8, 0), 0, 90, size=CAR, label=VEHICLE)
+    lines = course.list_lines(np.arange(0, 90, 3.0), list_asides(2))
+    overlap = WidenedBoxes.overlap
+    calls = []
+
+    def count(self, partner):
+        """Count a comparison."""
+        calls.append(1)
+        return overlap(self, partner)
+
+    monkeypatch.setattr(WidenedBoxes, "overlap", count)
+    counts = []
+    for poses in queue:
+        occupancy.add(size_boxes(poses, CAR), 0)
+        calls.clear()
+        assert occupancy.find_conflict(size_boxes(course.poses, CAR), 0) is None
+        blocked = occupancy.find_blocked(lines, Moments(0, 3, 30), 1.5)
+        assert blocked.any()
+        counts.append(len(calls))
+    assert max(counts) == counts[0]
+
+
+def test_boxes_at_solids_are_those_that_shapely_finds():
+    solids = []
+    for x in (-20.0, 0.0, 20.0):
+        corners = np.array([[x, 0.0], [x + 4, 1.0], [x + 3, 6.0], [x, 5.0]])
+        solids.append(Solid(corners, base=0.0, top=5.0))
+    obstacles = Obstacles(Site("houses", AREA, solids=tuple(solids)))
+    rng = np.random.default_rng(1)
+    poses = np.column_stack([rng.uniform(-80, 80, (3000, 2)), rng.uniform(-3, 3, 3000)])
+    boxes = size_boxes(poses, CAR)
+    is_hit = obstacles.hit(boxes)
+    houses = shapely.union_all([shapely.Polygon(solid.footprint) for solid in solids])
+    wide = boxes + np.array([0, 0, 0, 0.1, 0.1, 0, 0])
+    np.testing.assert_array_equal(
+        is_hit, shapely.intersects(shapely.polygons(footprints(wide)), houses)
+    )
+    assert is_hit.any()
