@@ -112,7 +112,7 @@ class LiveScorer:
 
     @property
     def question(self) -> dict[str, object]:
-        """What the present setting asks for besides the first one, as JSON values by name.
+        """Changes of the setting since the start: what is asked for now, as JSON values by name.
 
         Names are classes, iou, errors, scheme and most_price (None for any price)."""
         first_values = _describe_question(self.first_setting)
