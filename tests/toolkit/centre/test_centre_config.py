@@ -128,3 +128,11 @@ def test_what_is_wrong_is_refused_by_name(tmp_path, old, new, refusal):
     text = SMALL.replace(old, new) if old else SMALL + new
     with pytest.raises(ValueError, match=f"centre.toml.*{refusal}"):
         load(tmp_path, text)
+
+
+@pytest.mark.parametrize(("words", "seed"), [("", 0), ("seed = 0\n", 0), ("seed = 7\n", 7)])
+def test_a_simulated_junction_has_the_seed_that_is_asked_for(tmp_path, words, seed):
+    text = f'coview_run = 1\n[[input]]\nkind = "junction"\nsite = "tjunction"\n{words}'
+    (junction,) = load(tmp_path, text).inputs
+    assert junction.seed == seed
+    assert junction.site == "tjunction"

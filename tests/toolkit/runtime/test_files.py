@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import math
 import os
 import threading
 import zipfile
@@ -490,3 +491,11 @@ def test_links_may_lead_anywhere_within_their_folder(tmp_path):
             with pytest.raises(ValueError, match=r"a/out leads out of .*: put a copy in its place"):
                 reading.check_links(place)
         (root / "a" / "out").unlink()
+
+
+def test_what_json_lacks_becomes_null_however_deep():
+    value = {"ap": [0.5, math.nan], "bounds": (-math.inf, 2), "names": ["nan", None, True]}
+    assert text_values.replace_infinite([value, math.inf]) == [
+        {"ap": [0.5, None], "bounds": [None, 2], "names": ["nan", None, True]},
+        None,
+    ]
