@@ -18,7 +18,10 @@ MAX_YAW_RATE_RAD_S = 1.5  # no body on wheels turns faster
 
 
 def settle_heading(
-    boxes: BoxRows, scores: Float64[np.ndarray, " k"], seconds: Float64[np.ndarray, " k"]
+    boxes: BoxRows,
+    scores: Float64[np.ndarray, " k"],
+    seconds: Float64[np.ndarray, " k"],
+    label: int,
 ) -> Float64[np.ndarray, " k"]:
     """Heading (rad, continuous) of a track at its detections, without half turns.
 
@@ -27,7 +30,8 @@ def settle_heading(
     Args:
         boxes: Detections of the track, in the order of time.
         scores: Score of each.
-        seconds: Time of each (s)."""
+        seconds: Time of each (s).
+        label: Class of the track."""
     detected_yaw = boxes[:, 6]
     axes = _find_axes(detected_yaw, scores, seconds)
     yaw = detected_yaw + np.pi * np.rint((axes - detected_yaw) / np.pi)
@@ -35,7 +39,7 @@ def settle_heading(
     offset = boxes[-1, :2] - boxes[0, :2]
     span = seconds[-1] - seconds[0]
     # from its first to its last place, a third of the speed is enough: it may have stood in between
-    if len(yaw) > 1 and np.hypot(*offset) > max(MIN_HEADED_M_S * span / 3, 2.0):
+    if len(yaw) > 1 and np.hypot(*offset) > max(MIN_HEADED_M_S[label] * span / 3, 2.0):
         steps = np.diff(boxes[:, :2], axis=0)
         along = steps[:, 0] * np.cos(yaw[1:]) + steps[:, 1] * np.sin(yaw[1:])
         is_backwards = bool(along.sum() < 0)
@@ -92,6 +96,7 @@ def keep_near_course(
     motion: Float64[np.ndarray, "k 4"],
     seconds: Float64[np.ndarray, " k"],
     length: float,
+    label: int,
 ) -> Float64[np.ndarray, " k"]:
     """Headings (rad, continuous) that do not slip too far from the course of what moves.
 
@@ -103,7 +108,9 @@ def keep_near_course(
         yaw: Headings.
         motion: x, y (m) and velocities along both (m/s).
         seconds: Time of each (s), ascending.
-        length: Length of the body (m)."""
+        length: Length of the body (m).
+        label: Its class."""
+    min_headed = MIN_HEADED_M_S[label]
     max_slip = max(MAX_SLIP_RAD, np.arcsin(min(1.0, length / 2 / MIN_RADIUS_M)))
     course = np.arctan2(motion[:, 3], motion[:, 2])
     slip = np.arctan2(np.sin(yaw - course), np.cos(yaw - course))
@@ -112,7 +119,7 @@ def keep_near_course(
     last = np.searchsorted(seconds, seconds + REFERENCE_S, side="right") - 1
     steps = motion[last, :2] - motion[first, :2]
     way = steps[:, 0] * np.cos(course) + steps[:, 1] * np.sin(course)
-    is_moving = way > MIN_HEADED_M_S * (seconds[last] - seconds[first])
-    is_moving &= np.hypot(motion[:, 2], motion[:, 3]) > MIN_HEADED_M_S
+    is_moving = way > min_headed * (seconds[last] - seconds[first])
+    is_moving &= np.hypot(motion[:, 2], motion[:, 3]) > min_headed
     kept_slip = np.where(is_moving, np.clip(slip, -max_slip, max_slip), slip)
     return np.unwrap(yaw + kept_slip - slip)

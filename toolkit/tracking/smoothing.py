@@ -241,7 +241,7 @@ def _settle_track(
     first = int(track.frame[0])
     frames = np.arange(first, int(track.frame[-1]) + 1)
     label = _settle_class(track, times)
-    yaw = settle_heading(track.boxes, track.scores, times[track.frame])
+    yaw = settle_heading(track.boxes, track.scores, times[track.frame], label)
     doubts = turn_faces(track.doubts, np.cos(track.boxes[:, 6] - yaw) < 0)
     if label != PEDESTRIAN:
         usual_yaw, is_outlier = find_heading_outliers(yaw, times[track.frame])
@@ -352,9 +352,8 @@ def _make_rows(
     frames = settled.frames
     seconds = settled.course.seconds
     seen = settled.course.seen
-    yaw = settled.yaw
-    if settled.label != PEDESTRIAN:
-        yaw = keep_near_course(yaw, motion[seen], seconds[seen], settled.size[0])
+    length = settled.size[0]
+    yaw = keep_near_course(settled.yaw, motion[seen], seconds[seen], length, settled.label)
     floors = track.boxes[:, 2] - track.boxes[:, 5] / 2
     smoothed = _smooth_over_time(np.stack([yaw, floors], axis=1), seconds[seen], seconds)
     all_yaws, floor = smoothed.T

@@ -45,7 +45,8 @@ YAW_RATE_GAIN = 0.12
 # a bicycle with its rider; a pedestrian's box holds a part of both
 USUAL_RIDER_SIZE_M = np.array([1.75, 0.6, 1.7])  # length, width, height
 RIDER_WEIGHT_SHARE = 0.1  # share of the weight of that box that this usual size has
-MIN_HEADED_M_S = 1.5  # faster, the motion of a vehicle or cyclist says where its front is
+# by class of `LABELS`: faster, the motion of a road user says where its front is
+MIN_HEADED_M_S = np.array([1.5, 1.5, 0.6, 1.5])
 
 
 class MeasuredRows(NamedTuple):
@@ -386,8 +387,9 @@ def _turn_round(tracks: TrackStates) -> TrackStates:
     """Turn tracks by a half turn that face backwards, by their motion or by their front votes."""
     # speed (m/s) in the direction of the yaw, negative backwards
     along = tracks.motion[:, 2] * np.cos(tracks.yaw) + tracks.motion[:, 3] * np.sin(tracks.yaw)
-    moves_backwards = (along < -MIN_HEADED_M_S) & (tracks.hits >= MIN_HITS)
-    is_backwards = moves_backwards | ((tracks.front_votes < 0) & (along < MIN_HEADED_M_S))
+    min_headed = MIN_HEADED_M_S[tracks.label()]
+    moves_backwards = (along < -min_headed) & (tracks.hits >= MIN_HITS)
+    is_backwards = moves_backwards | ((tracks.front_votes < 0) & (along < min_headed))
     if not is_backwards.any():
         return tracks
     return tracks._replace(

@@ -365,6 +365,15 @@ def test_a_pedestrian_who_is_faster_than_people_run_is_a_cyclist(speed, label):
     assert {frame.labels[0] for frame in offline} == {label}
 
 
+def test_people_face_where_they_walk_however_they_are_detected():
+    walker = drive(40, speed=1.2, yaw=0.4)
+    walker[:, 3:6] = (0.6, 0.6, 1.7)
+    walker[:, 6] += np.pi - 0.1
+    frames = [seen(box, label=PEDESTRIAN, doubts=np.full(5, 0.1)) for box in walker]
+    for tracks in (follow(frames), smooth_tracks(frames, 0.1 * np.arange(40))):
+        assert tracks[30].boxes[0, 6] == pytest.approx(0.4, abs=0.15)
+
+
 def test_a_child_in_the_place_of_a_hidden_adult_keeps_its_track():
     adult = stand(1, x=0.0, size=(0.6, 0.6, 2.0))[0]
     child = stand(1, x=0.5, size=(0.4, 0.4, 1.2))[0]
