@@ -58,10 +58,11 @@ class ShardFolder:
         """Begin a run in the folder, or continue the one that was killed there with the same plan.
 
         The folder must exist, as it does within `lock`. overwrite: True to begin again, without the
-        shards made so far, in a folder of another plan, which otherwise raises FileExistsError."""
+        shards made so far, in a folder of another plan, which otherwise raises FileExistsError
+        unless nothing was finished there."""
         stored_plan = self.found
         differences = "" if stored_plan is None else describe_differences(stored_plan, self.plan)
-        if differences and not overwrite:
+        if differences and not overwrite and self._has_finished_parts():
             remedy = "finish that one first, write to another file, or --overwrite it"
             raise FileExistsError(
                 f"{self.path} holds an unfinished run made from {differences}: {remedy}"
@@ -69,6 +70,13 @@ class ShardFolder:
         if stored_plan is None or differences:
             self._clear()
             write_text(self.path / "plan.json", json.dumps(self.plan, indent=1))
+
+    def _has_finished_parts(self) -> bool:
+        """Return True if the folder holds more than a plan, a lock and unfinished files."""
+        return any(
+            path.name not in ("plan.json", "lock") and UNFINISHED not in path.name
+            for path in self.path.iterdir()
+        )
 
     def check_shards(self) -> dict[int, Path]:
         """Undamaged shards by block; damaged and unfinished ones are removed."""

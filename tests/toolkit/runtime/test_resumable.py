@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from toolkit.runtime.resumable import ShardFolder, describe_differences, make_shards
+from toolkit.runtime.writing import UNFINISHED
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -160,6 +161,16 @@ def test_plans_are_the_runs_own_one_at_a_time(tmp_path):
         pass
     with parts.lock():
         pass
+
+
+def test_another_plan_may_take_a_folder_in_which_nothing_was_finished(tmp_path):
+    folder(tmp_path, seed=1)
+    other = ShardFolder(tmp_path / "f.parts", {"seed": 2})
+    (other.path / f"00000{UNFINISHED}").write_bytes(b"1")
+    with other.lock():
+        other.open(False)
+    assert other.found == {"seed": 2}
+    assert other.shards() == {}
 
 
 def test_a_lock_leaves_shards_only(tmp_path):
