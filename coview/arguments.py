@@ -21,7 +21,7 @@ def check_least(option: str, value: float | None, minimum: float, remedy: str = 
 def check_positive(option: str, value: float | None) -> None:
     """Raise ValueError for an infinite number or one not above 0; None passes."""
     if value is not None and not 0 < value < float("inf"):
-        raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
+        raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for the default")
 
 
 def check_turn(angle: float, name: str, meaning: str = "counter-clockwise from east") -> float:
