@@ -38,8 +38,10 @@ def settle_heading(
     is_backwards = np.sign(np.cos(detected_yaw - yaw)) @ scores < 0
     offset = boxes[-1, :2] - boxes[0, :2]
     span = seconds[-1] - seconds[0]
-    # from its first to its last place, a third of the speed is enough: it may have stood in between
-    if len(yaw) > 1 and np.hypot(*offset) > max(MIN_HEADED_M_S[label] * span / 3, 2.0):
+    # from its first to its last place, a third of the speed or its length is enough: it may have
+    # stood in between
+    min_offset_m = min(MIN_HEADED_M_S[label] * span / 3, np.median(boxes[:, 3]))
+    if len(yaw) > 1 and np.hypot(*offset) > max(min_offset_m, 2.0):
         steps = np.diff(boxes[:, :2], axis=0)
         along = steps[:, 0] * np.cos(yaw[1:]) + steps[:, 1] * np.sin(yaw[1:])
         is_backwards = bool(along.sum() < 0)

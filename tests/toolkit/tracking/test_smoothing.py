@@ -73,6 +73,16 @@ def test_a_direction_follows_the_motion_if_the_detector_is_always_wrong():
     )
 
 
+def test_who_moves_on_and_waits_for_long_faces_one_way():
+    """Most detections face backwards; it covers twice its length, slowly on average."""
+    arrival = straight_drive(20, speed=5.0)
+    waiting = np.tile(arrival[-1], (400, 1))
+    frames = [detected(box) for box in arrival]
+    frames += [detected(box + np.array([0, 0, 0, 0, 0, 0, np.pi])) for box in waiting]
+    yaws = np.array([found.boxes[0, 6] for found in smooth_tracks(frames, times_of(frames))])
+    assert np.abs(yaws).max() < 0.1
+
+
 def test_single_detections_stay_if_they_are_sure():
     box = straight_drive(1)[0]
     (found,) = smooth_tracks([detected(box, score=0.9)], [4.0], place_error=0.1)
